@@ -1,0 +1,1 @@
+"""The pipeline: ingest → measure → predict → compare → report."""
