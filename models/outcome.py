@@ -20,16 +20,12 @@ class Outcome(Enum):
         "Newton's method did not reach a small residual: start from a nearer solution, or approach this scene in "
         "steps from one that converges"
     )
-    SINGULAR = (
-        "the linear system of a Newton step is singular: the scene may be at a fold, where two solutions meet"
-    )
+    SINGULAR = "the linear system of a Newton step is singular: the scene may be at a fold, where two solutions meet"
     NO_SCALE_SEPARATION = (
         "the end layers of width √(B/p₃) are not thin against the wrap, so the printed equations with four boundary "
         "conditions do not determine a solution: use the flexible model, or raise the tension or the wrap angle"
     )
-    LIFT_OFF = (
-        "the normal force is not positive everywhere: the yarn lifts off the cylinder and contact is lost"
-    )
+    LIFT_OFF = "the normal force is not positive everywhere: the yarn lifts off the cylinder and contact is lost"
 
     @property
     def ok(self) -> bool:

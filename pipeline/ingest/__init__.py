@@ -1,0 +1,1 @@
+"""Ingest: raw files in, raw records out; nothing is altered, everything doubtful is flagged."""

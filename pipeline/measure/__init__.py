@@ -1,0 +1,1 @@
+"""Measure: raw records in, means with uncertainties out."""

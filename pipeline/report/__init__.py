@@ -1,0 +1,1 @@
+"""Report: results in, figures, tables, notebook and one HTML page out."""
