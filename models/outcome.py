@@ -90,7 +90,7 @@ class Stats:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The solution of `scene` by `model`. A failed solve keeps the scene, the outcome and the reason; its numbers are NaN."""
+    """The solution of `scene` by `model`. A failed solve keeps scene, outcome and reason; its numbers are NaN."""
 
     scene: Scene
     model: str

@@ -1,4 +1,4 @@
-"""The records that flow through the pipeline, named by stage. Frozen; SI units inside; units in names only at the edges.
+"""The records that flow through the pipeline, named by stage: frozen, SI inside, units in names only at the edges.
 
 ingest → RawTension, RawVideo → measure → TensionMeasurement, YarnMeasurement, Measured → predict → Prediction
 → compare → Comparison. An array named `flag` runs parallel to the data and never edits it.
@@ -83,7 +83,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A measured mean with its spread and its standard uncertainty, in SI. NaN where it cannot be known; `reason` says why."""
+    """A measured mean with spread and standard uncertainty, in SI. NaN where it cannot be known; `reason` says why."""
 
     mean: float
     u: float = math.nan
@@ -277,3 +277,25 @@ class Comparison:
     def within(self) -> bool:
         """Whether the bound holds; a failed solve or a missing measurement is not within any bound."""
         return self.E_percent <= self.bound_percent
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Everything the report of one study says; `pipeline.store.to_tree` makes the one tree that figures and tables read."""
+
+    name: str
+    title: str
+    source: str
+    """Where the data come from, in words: a citation, a rig, a generator."""
+    synthetic: bool
+    """Whether the measured data were computed rather than measured."""
+    notes: tuple[str, ...]
+    fitted: str
+    """Which parameters were fitted on which cases, in words; empty where none was."""
+    measured: tuple[Measured, ...]
+    predictions: tuple[Prediction, ...]
+    comparisons: tuple[Comparison, ...]
+    published: Mapping[str, Mapping[Quantity, tuple[float, float]]] = field(default_factory=dict)
+    """By case and quantity: the source's own simulation in edge units and its stated error |E| / M in %."""
+    provenance: Mapping[str, object] = field(default_factory=dict)
+    """Inputs' SHA-256, versions, settings; anything that `json.dumps` takes."""

@@ -1,0 +1,100 @@
+"""Ways to replace a function on [0, length] by its values at nodes. Knows no yarn.
+
+A discretisation maps n + 1 nodal values to values and derivatives at n collocation points, so that a first-order
+equation plus one boundary condition is a square system (rectangular collocation: Driscoll and Hale, IMA J. Numer.
+Anal. 36 (2016) 108). Both kinds here share that shape, and the same Newton assembly serves them.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+HIGHEST_DERIVATIVE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Discretisation:
+    """Nodes and the matrices that evaluate derivatives at the collocation points."""
+
+    nodes: Array
+    """Ascending, first 0, last `length`, shape (n + 1,)."""
+    points: Array
+    """Collocation points, shape (n,)."""
+    derivatives: Array
+    """derivatives[k] @ nodal values = k-th derivative at the points, shape (4, n, n + 1)."""
+    nodal_derivatives: Array
+    """The same at the nodes, shape (4, n + 1, n + 1)."""
+
+
+@lru_cache(maxsize=64)
+def _chebyshev_reference(degree: int) -> tuple[Array, Array, Array, Array]:
+    """Nodes, points and matrices on [−1, 1]."""
+    nodes = -np.cos(np.pi * np.arange(degree + 1) / degree)
+    points = -np.cos(np.pi * (np.arange(degree) + 0.5) / degree)
+    # Values → Chebyshev coefficients, then coefficients → derivatives: well conditioned on Chebyshev points.
+    to_coefficients = np.linalg.inv(chebyshev.chebvander(nodes, degree))
+    at_points = np.empty((HIGHEST_DERIVATIVE + 1, degree, degree + 1))
+    at_nodes = np.empty((HIGHEST_DERIVATIVE + 1, degree + 1, degree + 1))
+    coefficients = to_coefficients
+    for order in range(HIGHEST_DERIVATIVE + 1):
+        if order:
+            coefficients = chebyshev.chebder(coefficients)
+        at_points[order] = chebyshev.chebvander(points, coefficients.shape[0] - 1) @ coefficients
+        at_nodes[order] = chebyshev.chebvander(nodes, coefficients.shape[0] - 1) @ coefficients
+    return nodes, points, at_points, at_nodes
+
+
+def chebyshev_collocation(degree: int, length: float) -> Discretisation:
+    """One polynomial of the given degree (≥ 4) on [0, length]: Lobatto nodes, Gauss collocation points."""
+    nodes, points, at_points, at_nodes = _chebyshev_reference(degree)
+    scale = (2.0 / length) ** np.arange(HIGHEST_DERIVATIVE + 1)[:, None, None]
+    return Discretisation((nodes + 1) * length / 2, (points + 1) * length / 2, at_points * scale, at_nodes * scale)
+
+
+def chebyshev_values(nodal: Array, psi: Array, length: float) -> Array:
+    """Evaluate the polynomial through Chebyshev–Lobatto values, shape (n + 1,), at psi in [0, length]."""
+    degree = nodal.shape[0] - 1
+    nodes = _chebyshev_reference(degree)[0]
+    coefficients = np.linalg.solve(chebyshev.chebvander(nodes, degree), nodal)
+    return np.asarray(chebyshev.chebval(2 * psi / length - 1, coefficients), dtype=np.float64)
+
+
+@lru_cache(maxsize=32)
+def finite_differences(intervals: int, length: float, *, closed_at_start: bool = True) -> Discretisation:
+    """Uniform grid, every derivative to second order at every node (intervals ≥ 5).
+
+    Central stencils of three nodes (five for the third derivative), one-sided ones of up to five at the ends. The
+    equations hold at every node but one end node: with `closed_at_start` they hold at the first and not at the last.
+    Where an equation has a fast mode, the closed end must be the one where that mode is largest, as for upwinding;
+    closed at the other end the matrix is as ill-conditioned as the mode is fast.
+    """
+    h = length / intervals
+    nodes = np.linspace(0.0, length, intervals + 1)
+    matrices = np.zeros((HIGHEST_DERIVATIVE + 1, intervals + 1, intervals + 1))
+    matrices[0] = np.eye(intervals + 1)
+    for order, central, one_sided in ((1, 3, 3), (2, 3, 4), (3, 5, 5)):
+        half = central // 2
+        for i in range(intervals + 1):
+            if half <= i <= intervals - half:
+                stencil = np.arange(i - half, i + half + 1)
+            else:
+                first = 0 if i < half else intervals + 1 - one_sided
+                stencil = np.arange(first, first + one_sided)
+            matrices[order, i, stencil] = _weights(stencil - i, order) / h**order
+    rows = slice(0, intervals) if closed_at_start else slice(1, intervals + 1)
+    return Discretisation(nodes, nodes[rows], matrices[:, rows], matrices)
+
+
+def _weights(offsets: NDArray[np.int_], order: int) -> Array:
+    """Weights of a derivative at offset 0 from values at integer offsets, exact for the polynomials they carry."""
+    powers = np.arange(offsets.size)
+    right = np.zeros(offsets.size)
+    right[order] = math.factorial(order)
+    taylor = offsets[None, :].astype(np.float64) ** powers[:, None]
+    return np.asarray(np.linalg.solve(taylor, right), dtype=np.float64)

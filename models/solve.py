@@ -1,0 +1,18 @@
+"""The models by name."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from models import cosserat, cosserat_fd, flexible, kirchhoff
+from models.outcome import Solution
+from models.scene import Scene
+
+MODELS: Mapping[str, Callable[[Scene], Solution]] = MappingProxyType(
+    {
+        flexible.NAME: flexible.solve_flexible,
+        cosserat.NAME: cosserat.solve_cosserat,
+        cosserat_fd.NAME: cosserat_fd.solve_cosserat_fd,
+        kirchhoff.NAME: kirchhoff.solve_kirchhoff,
+    }
+)
+"""Solvers by the name that users give; each takes a scene and never raises for a hard one."""

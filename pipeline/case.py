@@ -1,0 +1,225 @@
+"""Studies and cases: frozen SI records, read through the keys of keys.py.
+
+A study is a folder with `study.toml` and one folder per case with `case.toml`: the keys of `yarnval predict`, each a
+number or `{value, cv_percent}` or `{value, u}`, and either `[measured]` (a published summary) or `[raw]` (files).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from models.scene import Scene
+from models.solve import MODELS
+from pipeline.errors import InputError, nearest
+from pipeline.keys import CaseKeys, RawKeys, SceneKeys, StudyKeys, TensionKeys, read_toml, validated
+from pipeline.records import Measured, Quantity, Scale
+
+
+@dataclass(frozen=True, slots=True)
+class TensionFile:
+    """A tension log and the layout profile that reads it."""
+
+    path: Path
+    profile: str
+    channel: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class RawFiles:
+    """The raw files of a case and the camera's set-up."""
+
+    tension: tuple[TensionFile, ...]
+    video: tuple[Path, ...]
+    scale: Scale | None
+    fps: float | None
+    cylinder_axis: float | None
+    """e_z as displayed [rad], counter-clockwise from the image's +x axis."""
+    method: str
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """The source's own simulation of one quantity, SI, and its own error in %."""
+
+    S: float
+    E_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One scene, with the uncertainties of its inputs and where its measurement comes from."""
+
+    name: str
+    path: Path
+    scene: Scene
+    input_u: Mapping[str, float]
+    """Standard uncertainties in SI by field name of `Scene`, where stated."""
+    measured: Measured | None
+    raw: RawFiles | None
+    published: Mapping[Quantity, Published]
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Largest accepted |S − M| / |M|, in %; `reason` only where a case differs from the study's bound."""
+
+    percent: float
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A set of cases that are reported together."""
+
+    name: str
+    title: str
+    path: Path
+    source: str
+    synthetic: bool
+    notes: tuple[str, ...]
+    cases: tuple[Case, ...]
+    models: tuple[str, ...]
+    bounds: Mapping[tuple[str, str, Quantity], Bound]
+    """By case, model and quantity."""
+    fitted: str
+    """Which parameters were fitted on which cases, in words."""
+
+
+def find_studies(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """Folders with a study.toml among `paths` or directly below them, sorted within each.
+
+    Raises
+    ------
+    InputError
+        If a path is missing or holds no study.
+    """
+    found: list[Path] = []
+    for path in paths:
+        if not path.is_dir():
+            raise InputError(path, "no such folder", "give a study folder (with study.toml) or a folder of studies")
+        studies = [path] if (path / "study.toml").is_file() else sorted(p.parent for p in path.glob("*/study.toml"))
+        if not studies:
+            right = "give a study folder or a folder of studies"
+            raise InputError(path, "no study.toml here or one level below", right)
+        found.extend(study for study in studies if study not in found)
+    return tuple(found)
+
+
+def load_study(path: Path) -> Study:
+    """Read a study folder and all its cases.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or not TOML, a key is unknown, missing or of the wrong kind, or a value is out of range.
+    """
+    file = path / "study.toml"
+    keys = validated(StudyKeys, read_toml(file), file)
+    for model in [*keys.models, *keys.bounds, *(e.model for e in keys.exceptions)]:
+        _known(file, "model", model, list(MODELS))
+    for name in [*keys.fitted.cases, *(e.case for e in keys.exceptions)]:
+        _known(file, "case", name, keys.cases)
+    cases = tuple(load_case(path / name / "case.toml") for name in keys.cases)
+    bounds: dict[tuple[str, str, Quantity], Bound] = {}
+    for model, by_quantity in keys.bounds.items():
+        for name, percent in by_quantity.items():
+            quantity = _quantity(file, f"bounds.{model}", name)
+            bounds |= {(case, model, quantity): Bound(percent) for case in keys.cases}
+    for e in keys.exceptions:
+        bounds[e.case, e.model, _quantity(file, "exceptions", e.quantity)] = Bound(e.bound_percent, e.reason)
+    fitted = (
+        f"{', '.join(keys.fitted.parameters)} fitted on {', '.join(keys.fitted.cases)}"
+        if keys.fitted.parameters
+        else "no parameter was fitted"
+    )
+    return Study(
+        keys.name, keys.title, path, keys.source, keys.synthetic, tuple(keys.notes), cases, tuple(keys.models),
+        bounds, fitted,
+    )  # fmt: skip
+
+
+def load_case(file: Path) -> Case:
+    """Read one case.toml; the case is named after its folder.
+
+    Raises
+    ------
+    InputError
+        As for `load_study`.
+    """
+    keys = validated(CaseKeys, read_toml(file), file)
+    name, folder = file.parent.name, file.parent
+    try:
+        scene, uncertainties = keys.scene()
+    except ValueError as error:
+        raise InputError(file, *str(error).split(": ", 1)) from None
+    measured = None
+    if keys.measured is not None:
+        values = {}
+        for key, given in keys.measured.items():
+            quantity = _quantity(file, "measured", key)
+            values[quantity] = given.estimate(quantity)
+        measured = Measured(name, values)
+    published = {}
+    for key, own in keys.published.items():
+        quantity = _quantity(file, "published", key)
+        published[quantity] = Published(
+            own.S / quantity.per_si, own.E_percent if own.E_percent is not None else math.nan
+        )
+    return Case(
+        name, folder, scene, uncertainties, measured, _raw_files(keys.raw, file) if keys.raw else None, published
+    )
+
+
+def load_scene(file: Path) -> Scene:
+    """Read only the scene of a case.toml, which then needs neither [measured] nor [raw] (for `predict`)."""
+    given = {k: v for k, v in read_toml(file).items() if k not in ("measured", "raw", "published", "note")}
+    try:
+        return validated(SceneKeys, given, file).scene()[0]
+    except ValueError as error:
+        raise InputError(file, *str(error).split(": ", 1)) from None
+
+
+def _raw_files(keys: RawKeys, file: Path) -> RawFiles:
+    scale = None
+    if keys.video:
+        where = f"{file}: [raw]"
+        if keys.scale_um_per_px is None:
+            raise InputError(
+                where, "a video without 'scale_um_per_px'", "give the object scale: no scale, no mm and no tpm"
+            )
+        if keys.axis_deg is None:
+            raise InputError(
+                where, "a video without 'axis_deg'", "give the direction of the cylinder axis as displayed"
+            )
+        given = keys.scale_um_per_px
+        if given.value <= 0:
+            raise InputError(f"{where} scale_um_per_px", f"{given.value:g}", "give µm per pixel, greater than 0")
+        scale = Scale(given.value * 1e-6, given.standard_uncertainty / given.value)
+    elif not keys.tension:
+        raise InputError(f"{file}: [raw]", "neither 'tension' nor 'video'", "name at least one raw file")
+    tension = [TensionKeys(file=t) if isinstance(t, str) else t for t in keys.tension]
+    for name in [*(t.file for t in tension), *keys.video]:
+        if not (file.parent / name).exists():
+            raise InputError(f"{file}: [raw]", f"'{name}' is not in this folder", "name files relative to case.toml")
+    return RawFiles(
+        tuple(TensionFile(file.parent / t.file, t.profile, t.channel) for t in tension),
+        tuple(file.parent / v for v in keys.video),
+        scale,
+        keys.fps,
+        math.radians(keys.axis_deg) if keys.axis_deg is not None else None,
+        keys.method,
+    )
+
+
+def _quantity(file: Path, table: str, name: str) -> Quantity:
+    try:
+        return Quantity(name)
+    except ValueError:
+        known = [quantity.value for quantity in Quantity]
+        raise InputError(f"{file}: [{table}]", f"unknown quantity '{name}'", nearest(name, known)) from None
+
+
+def _known(file: Path, what: str, name: str, known: list[str]) -> None:
+    if name not in known:
+        raise InputError(file, f"unknown {what} '{name}'", nearest(name, known))

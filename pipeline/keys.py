@@ -1,0 +1,263 @@
+"""The keys that users write: what study.toml, case.toml and a prediction table may hold. Units stand in the keys."""
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+
+from models.scene import Scene
+from pipeline.errors import InputError, nearest
+from pipeline.records import Estimate, Quantity
+
+
+class Keys(BaseModel):
+    """Keys that are all known, finite and not changed after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+
+class Uncertain(Keys):
+    """A number and, where known, its uncertainty: 902, {value = 902, cv_percent = 14.55} or {value = 5, u = 0.1}."""
+
+    value: float
+    cv_percent: Annotated[float, Field(ge=0)] | None = None
+    """Coefficient of variation, taken as the relative standard uncertainty."""
+    u: Annotated[float, Field(ge=0)] | None = None
+    """Standard uncertainty in the unit of the value."""
+
+    @model_validator(mode="after")
+    def _one_uncertainty(self) -> "Uncertain":
+        if self.cv_percent is not None and self.u is not None:
+            raise ValueError("both cv_percent and u are given: give one")
+        return self
+
+    @property
+    def standard_uncertainty(self) -> float:
+        """In the unit of the value; NaN where none is given."""
+        if self.u is not None:
+            return self.u
+        return abs(self.value) * self.cv_percent / 100 if self.cv_percent is not None else math.nan
+
+
+def _number_or_table(given: Any) -> Any:
+    return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+
+
+Number = Annotated[Uncertain, BeforeValidator(_number_or_table)]
+
+
+class SceneKeys(Keys):
+    """The keys of `predict`, in a table's columns and in case.toml."""
+
+    phi_deg: Number
+    r0_mm: Number
+    d_mm: Number
+    mu: Number
+    T_CD_tpm: Number
+    p3_CD_cN: Number
+    K_Nm2: Number
+    v_m_s: Number
+    vb_over_v: Number
+    k: Number = Uncertain(value=1)
+    eta: Number = Uncertain(value=1)
+    lAB_over_lCD: Number = Uncertain(value=1)
+    B_over_K: Number = Uncertain(value=1.3)
+    tex: Number | None = None
+    E_note: str | None = None
+
+    def scene(self) -> tuple[Scene, Mapping[str, float]]:
+        """The scene in SI, and the standard uncertainties that are given, in SI, by the scene's field names.
+
+        Raises
+        ------
+        ValueError
+            If a value has no physical meaning; the message names the key as the user wrote it.
+        """
+        values, uncertainties = {}, {}
+        for key, (field, to_si) in _SCENE_FIELDS.items():
+            given: Uncertain = getattr(self, key)
+            values[field] = given.value * to_si
+            if math.isfinite(given.standard_uncertainty):
+                uncertainties[field] = given.standard_uncertainty * to_si
+        try:
+            return Scene(**values), uncertainties
+        except ValueError as error:
+            field = str(error).split(" = ", 1)[0]
+            key = next(key for key, (name, _) in _SCENE_FIELDS.items() if name == field)
+            right = str(error).split(": ", 1)[1]
+            raise ValueError(f"{key} = {getattr(self, key).value:g}: {right}") from None
+
+
+_SCENE_FIELDS: Mapping[str, tuple[str, float]] = {
+    "phi_deg": ("wrap_angle", math.radians(1)),
+    "r0_mm": ("cylinder_radius", 1e-3),
+    "d_mm": ("yarn_radius", 0.5e-3),
+    "mu": ("friction", 1.0),
+    "T_CD_tpm": ("twist_CD", 1.0),
+    "p3_CD_cN": ("tension_CD", 1e-2),
+    "K_Nm2": ("torsional_rigidity", 1.0),
+    "v_m_s": ("delivery_speed", 1.0),
+    "vb_over_v": ("cylinder_speed_ratio", 1.0),
+    "k": ("twist_trapping", 1.0),
+    "eta": ("twist_congestion", 1.0),
+    "lAB_over_lCD": ("span_ratio", 1.0),
+    "B_over_K": ("rigidity_ratio", 1.0),
+}
+"""Key → field of `Scene` and SI units per unit of the key. The yarn's diameter becomes its radius here."""
+
+
+class MeasuredKeys(Keys):
+    """One quantity of a published summary."""
+
+    mean: float
+    cv_percent: Annotated[float, Field(ge=0)] | None = None
+    n: Annotated[int, Field(ge=2)] | None = None
+    u: Annotated[float, Field(ge=0)] | None = None
+
+    def estimate(self, quantity: Quantity) -> Estimate:
+        """In SI. Without a number of readings the standard deviation stands for u, and the reason says so."""
+        cv = self.cv_percent / 100 if self.cv_percent is not None else math.nan
+        deviation = abs(self.mean) * cv
+        if self.u is not None:
+            u, reason = self.u, ""
+        elif self.n is not None:
+            u, reason = deviation / math.sqrt(self.n), ""
+        elif self.cv_percent is not None:
+            u, reason = deviation, "number of readings not published: the standard deviation stands for u of the mean"
+        else:
+            u, reason = math.nan, "CV not published"
+        return Estimate(self.mean / quantity.per_si, u / quantity.per_si, cv, self.n, reason=reason)
+
+
+class PublishedKeys(Keys):
+    """One quantity of the source's own simulation."""
+
+    S: float
+    E_percent: float | None = None
+
+
+class TensionKeys(Keys):
+    """A tension log and how to read it."""
+
+    file: str
+    profile: str = "plain-csv"
+    channel: str | None = None
+
+
+class RawKeys(Keys):
+    """[raw]: files and the camera set-up."""
+
+    tension: list[str | TensionKeys] = []
+    video: list[str] = []
+    scale_um_per_px: Number | None = None
+    fps: Annotated[float, Field(gt=0)] | None = None
+    axis_deg: float | None = None
+    method: Literal["surface"] = "surface"
+
+
+class CaseKeys(SceneKeys):
+    """case.toml."""
+
+    note: str | None = None
+    measured: dict[str, MeasuredKeys] | None = None
+    published: dict[str, PublishedKeys] = {}
+    raw: RawKeys | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "CaseKeys":
+        if (self.measured is None) == (self.raw is None):
+            raise ValueError("give either [measured] (a published summary) or [raw] (files), not both or neither")
+        return self
+
+
+class ExceptionKeys(Keys):
+    """A bound that differs from the study's, with the reason."""
+
+    case: str
+    model: str
+    quantity: str
+    bound_percent: Annotated[float, Field(gt=0)]
+    reason: Annotated[str, Field(min_length=20)]
+
+
+class FittedKeys(Keys):
+    """Which parameters were fitted on which cases."""
+
+    parameters: list[str] = []
+    cases: list[str] = []
+
+
+class StudyKeys(Keys):
+    """study.toml."""
+
+    name: str
+    title: str
+    source: str
+    synthetic: bool
+    notes: list[str] = []
+    cases: Annotated[list[str], Field(min_length=1)]
+    models: Annotated[list[str], Field(min_length=1)] = ["flexible", "cosserat", "cosserat-fd", "kirchhoff"]
+    bounds: dict[str, dict[str, Annotated[float, Field(gt=0)]]] = {
+        "cosserat": {quantity.value: 10.0 for quantity in Quantity}
+    }
+    exceptions: list[ExceptionKeys] = []
+    fitted: FittedKeys = FittedKeys()
+
+
+Validated = TypeVar("Validated", bound=Keys)
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it is missing, unreadable or not TOML; the message keeps the parser's line number.
+    """
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        right = "a study needs study.toml, and case.toml in each case's folder"
+        raise InputError(file, "no such file", right) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(file, f"not TOML: {error}", "mend that line (UTF-8 text, strings in quotes)") from None
+    except OSError as error:
+        raise InputError(file, f"cannot be read ({error.strerror})", "give a readable TOML file") from None
+
+
+def validated(kind: type[Validated], given: dict[str, Any], file: Path) -> Validated:
+    """Validate, turning the first complaint into one line that names the key."""
+    try:
+        return kind.model_validate(given)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = [str(part) for part in first["loc"]]
+        key = ".".join(path) or "the file"
+        if first["type"] == "extra_forbidden":
+            known = _known_keys(kind, path[:-1])
+            raise InputError(file, f"unknown key '{key}'", nearest(path[-1], known)) from None
+        if first["type"] == "missing":
+            raise InputError(file, f"'{key}' is missing", f"give {key}") from None
+        message = first["msg"].removeprefix("Value error, ")
+        found = f"'{key}'" if isinstance(first["input"], dict) else f"'{key}' is {first['input']!r}"
+        raise InputError(file, found, message[0].lower() + message[1:]) from None
+
+
+def _known_keys(kind: type[BaseModel], path: Sequence[str]) -> list[str]:
+    """The keys of the table at `path` inside a model."""
+    for part in path:
+        field = kind.model_fields.get(part)
+        nested = _models_in(field.annotation) if field else []
+        kind = nested[0] if nested else kind
+    return list(kind.model_fields)
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Models named in a type annotation, however nested."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models_in(argument)]
