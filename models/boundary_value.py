@@ -54,8 +54,11 @@ class BoundaryValueResult:
     """Largest residual of the equations."""
     boundary_residual: float
     """Largest residual of the boundary conditions."""
-    jacobian: Array
-    """At the solution, for conditioning and sensitivities."""
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the last Jacobian in the 1-norm; infinite where it is singular."""
+        return float(np.linalg.cond(self.newton.jacobian, 1))
 
 
 def solve(
@@ -81,15 +84,13 @@ def solve(
         residual_tolerance=residual_tolerance,
         max_iterations=max_iterations,
     )
-    value, jacobian = function(result.x)
     rows = m * (size - 1)
     return BoundaryValueResult(
         fields=result.x[:-1].reshape(m, size),
         w=float(result.x[-1]),
         newton=result,
-        residual=float(np.max(np.abs(value[:rows]))),
-        boundary_residual=float(np.max(np.abs(value[rows:]))),
-        jacobian=jacobian,
+        residual=float(np.max(np.abs(result.value[:rows]))),
+        boundary_residual=float(np.max(np.abs(result.value[rows:]))),
     )
 
 

@@ -88,7 +88,7 @@ def _solve_on(scene: Scene, start: Solution, intervals: int) -> tuple[Fields, St
         if change < ROTATION_TOLERANCE:
             stats = Stats(
                 iterations, result.residual, result.boundary_residual, result.newton.step, intervals + 1,
-                float(np.linalg.cond(result.jacobian)),
+                result.condition,
             )  # fmt: skip
             return found, stats
     return failed(

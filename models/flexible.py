@@ -80,7 +80,7 @@ def solve_flexible(scene: Scene) -> Solution:
         fields = as_fields(problem, result)
         stats = Stats(
             iterations, result.residual, result.boundary_residual, result.newton.step, degree + 1,
-            float(np.linalg.cond(result.jacobian)),
+            result.condition,
         )  # fmt: skip
         if previous is not None and fields.end_difference(previous) < PRECISION:
             return solution(scene, NAME, fields, fields.ends - previous.ends, stats)

@@ -36,6 +36,10 @@ class NewtonResult:
     iterations: int
     residual: float
     step: float
+    value: Array
+    """F at x, shape (n,)."""
+    jacobian: Array
+    """J at x, shape (n, n)."""
 
 
 def newton(
@@ -65,14 +69,14 @@ def newton(
     for iteration in range(max_iterations + 1):
         residual = float(np.max(np.abs(value)))
         if not (np.isfinite(residual) and np.all(np.isfinite(jacobian))):
-            return NewtonResult(x, NewtonStatus.NOT_FINITE, iteration, residual, step)
+            return NewtonResult(x, NewtonStatus.NOT_FINITE, iteration, residual, step, value, jacobian)
         if step <= step_tolerance and residual <= residual_tolerance:
-            return NewtonResult(x, NewtonStatus.CONVERGED, iteration, residual, step)
+            return NewtonResult(x, NewtonStatus.CONVERGED, iteration, residual, step, value, jacobian)
         if iteration == max_iterations:
             break
         factors = _factorise(jacobian)
         if factors is None:
-            return NewtonResult(x, NewtonStatus.SINGULAR, iteration, residual, step)
+            return NewtonResult(x, NewtonStatus.SINGULAR, iteration, residual, step, value, jacobian)
         direction: Array = -lu_solve(factors, value)
         size = float(np.linalg.norm(direction))
         damping = min(1.0, 4.0 * damping)
@@ -87,12 +91,14 @@ def newton(
                     break
             damping /= 2.0
             if damping < min_damping:
-                return NewtonResult(x, NewtonStatus.STALLED, iteration, residual, step)
+                return NewtonResult(x, NewtonStatus.STALLED, iteration, residual, step, value, jacobian)
         step = damping * float(np.max(np.abs(direction) / (1.0 + np.abs(x))))
         if damping < 1.0:
             step = max(step, 2.0 * step_tolerance)  # a shortened step never counts as convergence
         x, value, jacobian = trial, trial_value, trial_jacobian
-    return NewtonResult(x, NewtonStatus.MAX_ITERATIONS, max_iterations, float(np.max(np.abs(value))), step)
+    return NewtonResult(
+        x, NewtonStatus.MAX_ITERATIONS, max_iterations, float(np.max(np.abs(value))), step, value, jacobian
+    )
 
 
 def _factorise(jacobian: Array) -> tuple[Array, NDArray[np.int32]] | None:

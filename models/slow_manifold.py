@@ -61,7 +61,7 @@ def solve_slow_manifold(scene: Scene, model: str, problem: RodProblem) -> Soluti
             w = result.w
         result = solve(problem, discretisation, start, w)
         iterations += result.newton.iterations
-        condition = float(np.linalg.cond(result.jacobian))
+        condition = result.condition
         if result.newton.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:
             break
         fields = _fields(scene, problem, degree, result)

@@ -40,7 +40,7 @@ class RawFiles:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """The source's own simulation of one quantity, SI, and its own error in %."""
+    """The source's own simulation of one quantity, in edge units (cN, tpm, °), and its own error in %."""
 
     S: float
     E_percent: float
@@ -83,7 +83,7 @@ class Study:
     bounds: Mapping[tuple[str, str, Quantity], Bound]
     """By case, model and quantity."""
     fitted: str
-    """Which parameters were fitted on which cases, in words."""
+    """Which parameters were fitted on which cases, in words; empty where none was."""
 
 
 def find_studies(paths: Sequence[Path]) -> tuple[Path, ...]:
@@ -131,7 +131,7 @@ def load_study(path: Path) -> Study:
     fitted = (
         f"{', '.join(keys.fitted.parameters)} fitted on {', '.join(keys.fitted.cases)}"
         if keys.fitted.parameters
-        else "no parameter was fitted"
+        else ""
     )
     return Study(
         keys.name, keys.title, path, keys.source, keys.synthetic, tuple(keys.notes), cases, tuple(keys.models),
@@ -163,9 +163,7 @@ def load_case(file: Path) -> Case:
     published = {}
     for key, own in keys.published.items():
         quantity = _quantity(file, "published", key)
-        published[quantity] = Published(
-            own.S / quantity.per_si, own.E_percent if own.E_percent is not None else math.nan
-        )
+        published[quantity] = Published(own.S, own.E_percent if own.E_percent is not None else math.nan)
     return Case(
         name, folder, scene, uncertainties, measured, _raw_files(keys.raw, file) if keys.raw else None, published
     )

@@ -1,5 +1,276 @@
-"""The command line."""
+"""The command line: thin. Exit 0 done, 1 a check or a case failed, 2 the input or the call is wrong."""
+
+import json
+import math
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from pipeline.errors import InputError, YarnvalError, nearest
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Measure yarn on a moving cylinder, predict it, and publish which model to believe.",
+)
+progress = Console(stderr=True)
+"""Progress goes to stderr, and only to a terminal."""
+
+DEFAULT_STUDIES = Path("data_samples")
+Studies = Annotated[
+    list[Path] | None,
+    typer.Argument(help="Study folders, or folders of studies (default: data_samples).", show_default=False),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")]
 
 
 def main() -> None:
-    """Run `yarnval`."""
+    """Run `yarnval`. Every user error ends as one line on stderr and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except YarnvalError as error:
+        _fail(str(error))
+    except typer.TyperException as error:  # a wrong call: unknown option, missing argument, not a number
+        context = getattr(error, "ctx", None)
+        message = error.format_message() if isinstance(error, typer.BadParameter) else str(error)
+        if not message:  # called without a command: the help has been shown
+            sys.exit(2)
+        hint = f"; see '{context.command_path} --help'" if context else ""
+        _fail(f"{message.rstrip('.')}{hint}")
+    except (typer.Abort, KeyboardInterrupt):
+        _fail("interrupted")
+    except BrokenPipeError:  # the reader of a pipe has left: nobody to tell
+        sys.stderr.close()
+        sys.exit(2)
+    else:
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str) -> None:
+    print(f"yarnval: {' '.join(message.split())}", file=sys.stderr)
+    sys.exit(2)
+
+
+@app.command(epilog="Example: yarnval report data_samples/yin2020 --out reports")
+def report(
+    studies: Studies = None,
+    out: Annotated[Path, typer.Option(help="Folder that gets one report folder per study.")] = Path("reports"),
+) -> int:
+    """Ingest, measure, predict, compare and publish a report for each study."""
+    from pipeline.case import find_studies
+    from pipeline.run import publish_all
+
+    folders = find_studies(studies or [DEFAULT_STUDIES])
+    with _status(f"reporting {', '.join(folder.name for folder in folders)}"):
+        published = publish_all(folders, out)
+    failed = [
+        f"{results.name}: {p.case} {p.solution.model}: {p.solution.outcome.name.lower()}: {p.solution.message}"
+        for results in published
+        for p in results.predictions
+        if not p.solution.outcome.ok
+    ]
+    for results in published:
+        print(out / results.name / "report.html")
+    for line in failed:
+        print(line, file=sys.stderr)
+    return 1 if failed else 0
+
+
+@app.command(epilog="Example: yarnval check data_samples --junit check.xml")
+def check(
+    studies: Studies = None,
+    junit: Annotated[Path | None, typer.Option(help="Also write the result as JUnit XML.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Hold each model's errors against the study's bounds: exit 1 if one is exceeded or missing."""
+    from pipeline.case import find_studies, load_study
+    from pipeline.check import verdict, write_junit
+    from pipeline.run import evaluate
+
+    rows = {}
+    for folder in find_studies(studies or [DEFAULT_STUDIES]):
+        with _status(f"checking {folder.name}"):
+            results = evaluate(load_study(folder))
+        rows[results.name] = [row for row in results.comparisons if row.bounded]
+    if junit:
+        write_junit(rows, junit)
+    broken = [(name, row) for name, bounded in rows.items() for row in bounded if not row.within]
+    if as_json:
+        document = {name: [_json_row(row) for row in bounded] for name, bounded in rows.items()}
+        _print_json({"passed": not broken, "studies": document})
+    else:
+        for name, bounded in rows.items():
+            for row in bounded:
+                print(f"{name}: {verdict(row)}")
+        total = sum(map(len, rows.values()))
+        print(f"{total - len(broken)} of {total} bounds hold")
+    for name, row in broken:
+        print(f"{name}: {verdict(row)}", file=sys.stderr)
+    return 1 if broken else 0
+
+
+@app.command(epilog="Example: yarnval predict data_samples/yin2020/case1/case.toml --model flexible,cosserat")
+def predict(
+    table: Annotated[Path, typer.Argument(help="TABLE.csv or CASE.toml.", metavar="TABLE.csv|CASE.toml")],
+    model: Annotated[str, typer.Option(help="One or more models, separated by commas.")] = "cosserat",
+    out: Annotated[Path | None, typer.Option(help="Write the table here instead of stdout.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Solve each scene with each model, one row per case and model; exit 1 if a case failed."""
+    import csv
+
+    from pipeline.atomic import whole_file
+    from pipeline.case import load_scene
+    from pipeline.predict import TableRow, TableScene, predict_rows, read_table
+
+    models = _models(model)
+    if table.suffix == ".toml":
+        scenes = (TableScene(table.parent.name or table.stem, load_scene(table)),)
+    else:
+        scenes = read_table(table)
+    with _status(f"solving {len(scenes)} scenes"):
+        rows = list(predict_rows(scenes, models))
+    if as_json:
+        _print_json([row.as_json() for row in rows])
+    else:
+        names = [field.name for field in fields(TableRow)]
+        lines = [names, *([_cell(getattr(row, name)) for name in names] for row in rows)]
+        if out:
+            with whole_file(out) as file:
+                csv.writer(file, lineterminator="\n").writerows(lines)
+        else:
+            csv.writer(sys.stdout, lineterminator="\n").writerows(lines)
+    failed = [row for row in rows if not row.ok]
+    for row in failed:
+        print(f"{table}: {row.case} {row.model}: {row.outcome}: {row.message}", file=sys.stderr)
+    return 1 if failed else 0
+
+
+@app.command(
+    epilog="Example: yarnval measure data_samples/rig/case1/clip.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
+)
+def measure(
+    clip: Annotated[Path, typer.Argument(help="A .cine, TIFF, AVI or MKV clip, or a folder of images.")],
+    scale_um_per_px: Annotated[float | None, typer.Option(help="Object scale, µm per pixel.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Recording rate where the file does not hold it.")] = None,
+    axis_deg: Annotated[float | None, typer.Option(help="Cylinder axis as displayed, ° counter-clockwise.")] = None,
+    method: Annotated[str, typer.Option(help="Twist method: surface (single yarn).")] = "surface",
+    as_json: Json = False,
+) -> int:
+    """Measure angle, twist and diameter in every frame of a clip."""
+    from pipeline.ingest.video import open_video
+    from pipeline.measure.yarn import measure_json, measure_yarn
+    from pipeline.records import Scale
+
+    if scale_um_per_px is None or not (math.isfinite(scale_um_per_px) and scale_um_per_px > 0):
+        raise InputError(
+            "--scale-um-per-px", f"found {scale_um_per_px}", "give µm per pixel: no scale, no mm and no tpm"
+        )
+    if fps is not None and not (math.isfinite(fps) and fps > 0):
+        raise InputError("--fps", f"found {fps}", "give the recording rate in frames per second, greater than 0")
+    if method != "surface":
+        raise InputError("--method", f"unknown method '{method}'", nearest(method, ["surface"]))
+    axis = math.radians(axis_deg) if axis_deg is not None else None
+    with _status(f"measuring {clip}"):
+        video = open_video(clip, fps=fps)
+        measured = measure_yarn(video, Scale(scale_um_per_px * 1e-6), cylinder_axis=axis, method=method)
+    document = measure_json(measured)
+    if as_json:
+        _print_json(document)
+    else:
+        _print_summary(document)
+    return 0
+
+
+@app.command(epilog="Example: yarnval tension data_samples/rig/case1/tension_plain.csv --profile plain-csv")
+def tension(
+    log: Annotated[Path, typer.Argument(help="A tension log.")],
+    profile: Annotated[str, typer.Option(help="Layout: a packaged name or a TOML file.")] = "plain-csv",
+    channel: Annotated[str | None, typer.Option(help="Column to read instead of the layout's.")] = None,
+    window: Annotated[str | None, typer.Option(help="Seconds A:B; either side may be left out.", metavar="A:B")] = None,
+    as_json: Json = False,
+) -> int:
+    """Tension statistics and flags of a log."""
+    from pipeline.ingest.layouts import load_layout
+    from pipeline.ingest.tension import read_tension
+    from pipeline.measure.tension import measure_tension, tension_json
+
+    raw = read_tension(log, load_layout(profile, Path()), channel=channel)
+    document = tension_json(measure_tension(raw, _window(window)))
+    if as_json:
+        _print_json(document)
+    else:
+        _print_summary(document)
+    return 0
+
+
+def _models(names: str) -> list[str]:
+    from models.solve import MODELS
+
+    chosen = [name.strip() for name in names.split(",") if name.strip()]
+    for name in chosen:
+        if name not in MODELS:
+            raise InputError("--model", f"unknown model '{name}'", nearest(name, list(MODELS)))
+    if not chosen:
+        raise InputError("--model", "no model named", f"known: {', '.join(MODELS)}")
+    return chosen
+
+
+def _window(text: str | None) -> tuple[float | None, float | None] | None:
+    if text is None:
+        return None
+    parts = text.split(":")
+    try:
+        start, end = (float(part) if part.strip() else None for part in parts)
+    except ValueError:
+        raise InputError("--window", f"found '{text}'", "give seconds as A:B, for example 2.5:20") from None
+    return start, end
+
+
+def _status(text: str) -> Any:
+    return progress.status(text) if progress.is_terminal else _Quiet()
+
+
+class _Quiet:
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+def _cell(value: object) -> str:
+    return repr(value) if isinstance(value, float) else str(value)
+
+
+def _json_row(row: Any) -> dict[str, object]:
+    from pipeline.report.tables import comparison_json
+
+    return comparison_json(row)
+
+
+def _print_json(document: object) -> None:
+    print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def _print_summary(document: dict[str, Any]) -> None:
+    """Scalars and small tables of a JSON document as lines; the series are only in --json."""
+    for key, value in document.items():
+        if isinstance(value, dict):
+            for name, part in value.items():
+                shown = (
+                    ", ".join(f"{k} {_short(v)}" for k, v in part.items()) if isinstance(part, dict) else _short(part)
+                )
+                print(f"{key}.{name}: {shown}")
+        elif not isinstance(value, list):
+            print(f"{key}: {_short(value)}")
+
+
+def _short(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
