@@ -1,0 +1,74 @@
+"""What every video reader hands to `open_video`, and the checks that all of them share."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError
+from pipeline.records import Array, Frames
+
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+MAX_PIXELS = 1 << 28
+"""Larger frames are taken for a damaged header: no high-speed camera comes near it."""
+
+MAX_FRAMES = 1 << 24
+"""Longer clips are taken for a damaged header: over an hour at 4000 1/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A clip as one format's reader sees it."""
+
+    frames: Frames
+    metadata: Mapping[str, str]
+    bits: int | None = None
+    """Significant bits of a pixel where the file states them."""
+    stamps: Array = field(default_factory=lambda: np.empty(0))
+    """Time stamps from the first frame [s], shape (n,); empty where the file has none."""
+
+
+def frame_error(path: Path, index: int, found: str) -> InputError:
+    """One frame that cannot be read, counted from 0."""
+    return InputError(f"{path}: frame {index}", found, "copy the clip again from the camera, or go without this frame")
+
+
+def as_gray(image: NDArray[np.generic], where: str | Path) -> Pixels:
+    """One channel of unsigned pixels, C-contiguous and in the machine's byte order.
+
+    Parameters
+    ----------
+    image : shape (rows, columns), or (rows, columns, 3) with three equal channels.
+    where : the place to name in an error.
+
+    Raises
+    ------
+    InputError
+        If the image has colour or an alpha channel, or if its pixels are not 8 or 16 bit unsigned integers.
+    """
+    if image.ndim == 3 and image.shape[2] == 3:
+        first = image[..., 0]
+        if not (np.array_equal(first, image[..., 1]) and np.array_equal(first, image[..., 2])):
+            raise InputError(where, "colour: the red, green and blue channels differ", "record or export in gray")
+        image = first
+    if image.ndim != 2:
+        raise InputError(where, f"an image of shape {image.shape}", "export in gray, without an alpha channel")
+    if image.dtype.kind != "u" or image.dtype.itemsize > 2:
+        raise InputError(where, f"{image.dtype.name} pixels", "export as 8 or 16 bit unsigned integers")
+    if image.dtype.itemsize == 1:
+        return np.ascontiguousarray(image, dtype=np.uint8)
+    return np.ascontiguousarray(image, dtype=np.uint16)
+
+
+def count_frames(found: int, promised: int) -> int:
+    """Frames of a clip: those that its header promises, so that missing ones are seen, unless it cannot be believed."""
+    return promised if found < promised <= min(MAX_FRAMES, 1000 * found) else found
+
+
+def check_size(rows: int, columns: int, where: str | Path) -> None:
+    """Refuse a size that only a damaged header can state, before memory is taken for it."""
+    if not (rows > 0 and columns > 0 and rows * columns <= MAX_PIXELS):
+        raise InputError(where, f"a frame of {columns} × {rows} pixels", "a damaged header: copy the clip again")

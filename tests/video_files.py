@@ -1,0 +1,108 @@
+"""Synthetic clips of known pixels in every format that a test can write."""
+
+import struct
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import tifffile
+
+SAMPLES = Path(__file__).parents[1].parent / "shared" / "samples" / "cine"
+
+
+def random_frames(seed: int, n: int, rows: int, columns: int, bits: int) -> np.ndarray:
+    """Uniform pixels of `bits` bits, with the largest value in every frame; shape (n, rows, columns)."""
+    frames = np.random.default_rng(seed).integers(0, 1 << bits, (n, rows, columns))
+    frames[:, 0, 0] = (1 << bits) - 1
+    return frames.astype(np.uint8 if bits <= 8 else np.uint16)
+
+
+def write_container(path: Path, frames: np.ndarray, pixels: str, codec: str = "ffv1", rate: int = 25, **options: str):
+    """Frames already in the array layout of the pixel format `pixels`."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=rate, options=options)
+        stream.height, stream.width, stream.pix_fmt = frames.shape[1], frames.shape[2], pixels
+        for i, image in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(image, format=pixels)
+            frame.pts, frame.time_base = i, Fraction(1, rate)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def cine_bytes(frames: np.ndarray, bits: int, stamps: list[int], packed: bool = False, nominal: int = 1000) -> bytes:
+    """A minimal .cine file: one block of time stamps (32.32 fixed point) and the frames."""
+    n, rows, columns = frames.shape
+    setup = bytearray(1000)
+    setup[140:144] = b"ST" + struct.pack("<H", len(setup))
+    struct.pack_into("<I", setup, 768, nominal)
+    struct.pack_into("<I", setup, 896, bits)
+    tags = struct.pack("<IHH", 8 + 8 * n, 1002, 0) + np.array(stamps, "<u8").tobytes() if stamps else b""
+    table_at = 84 + len(setup) + len(tags)
+    images = []
+    for frame in frames:
+        if packed:
+            a, b = frame.reshape(-1, 2).T.astype(int)
+            images.append(np.stack((a >> 4, (a & 15) << 4 | b >> 8, b & 255), axis=1).astype(np.uint8).tobytes())
+        else:
+            images.append(frame[::-1].astype("<u2" if frame.itemsize == 2 else "u1").tobytes())
+    at = table_at + 8 * n
+    table, body = b"", b""
+    for image in images:
+        table += struct.pack("<Q", at + len(body))
+        body += struct.pack("<II", 8, len(image)) + image
+    depth = 8 * frames.itemsize
+    header = struct.pack("<2sHHHiIiIIIIQ", b"CI", 44, 0, 1, 0, n, 0, n, 44, 84, table_at, stamps[0] if stamps else 0)
+    bitmap = struct.pack(
+        "<IiiHHIIiiII", 40, columns, rows, 1, depth, 1024 if packed else 0, len(images[0]), 45454, 45454, 0, 0
+    )
+    return header + bitmap + bytes(setup) + tags + table + body
+
+
+def write_sequence(folder: Path, frames: np.ndarray, suffix: str, start: int = 1) -> list[Path]:
+    """Images img_<number><suffix>, numbered without leading zeros."""
+    folder.mkdir()
+    files = [folder / f"img_{start + i}{suffix}" for i in range(len(frames))]
+    for file, frame in zip(files, frames, strict=True):
+        if suffix == ".tif":
+            tifffile.imwrite(file, frame)
+        else:
+            assert cv2.imwrite(str(file), frame)
+    return files
+
+
+def write_clip(folder: Path, kind: str, frames: np.ndarray, bits: int) -> Path:
+    """The same frames as a clip of any kind in `KINDS`."""
+    path = folder / f"clip.{kind.split(maxsplit=1)[0]}"
+    if kind.startswith("cine"):
+        stamps = [(1_700_000_000 << 32) + i * (1 << 22) for i in range(len(frames))]
+        path.write_bytes(cine_bytes(frames, bits, stamps, packed="P12L" in kind))
+    elif kind.startswith("tif"):
+        options = {"compression": "zlib", "metadata": None} if "deflate" in kind else {}
+        if "big-endian" in kind:
+            options = {"byteorder": ">"}
+        tifffile.imwrite(path, frames, photometric="minisblack", **options)
+    elif kind.startswith("folder"):
+        path = folder / "frames"
+        write_sequence(path, frames, kind.split()[1])
+    else:
+        names = {8: "gray", 10: "gray10le", 12: "gray12le", 16: "gray16le"}
+        write_container(path, frames, names[bits])
+    return path
+
+
+KINDS = {
+    "cine": (8, 12, 16),
+    "cine P12L": (12,),
+    "tif": (8, 12, 16),
+    "tif deflate": (8, 12, 16),
+    "tif big-endian": (8, 12, 16),
+    "mkv": (8, 10, 12, 16),
+    "avi": (8, 10, 12, 16),
+    "mp4": (8, 10, 12, 16),
+    "folder .png": (8, 12, 16),
+    "folder .bmp": (8,),
+    "folder .tif": (8, 12, 16),
+}
+"""Every kind that can be written here, with the depths that it holds."""
