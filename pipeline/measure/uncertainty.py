@@ -20,7 +20,7 @@ def effective_count(samples: Array) -> float:
     """
     n = samples.size
     centred = samples - samples.mean()
-    if n < 3 or not np.any(centred):
+    if n < 3 or samples.min() == samples.max():
         return float(n)
     spectrum = np.fft.rfft(centred, 2 * n)
     autocovariance = np.fft.irfft(spectrum * np.conj(spectrum))[:n]
@@ -76,7 +76,10 @@ def combine(estimates: Sequence[Estimate]) -> Estimate:
     means = np.array([e.mean for e in known])
     u = np.array([e.u for e in known])
     if not np.all(np.isfinite(u) & (u > 0)):
-        return Estimate(mean=float(means.mean()), cv=cv, n=n, n_eff=n_eff, reason=reason)
+        plain = "plain mean without u, because not every part has one"
+        return Estimate(
+            mean=float(means.mean()), cv=cv, n=n, n_eff=n_eff, reason="; ".join(filter(None, [reason, plain]))
+        )
     weight = u**-2 / np.sum(u**-2)
     mean = float(weight @ means)
     birge = math.sqrt(float(np.sum(((means - mean) / u) ** 2)) / (len(known) - 1))

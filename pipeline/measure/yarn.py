@@ -1,0 +1,243 @@
+"""A clip to angle, diameter and twist of the yarn, frame by frame and as means with uncertainties.
+
+Conventions, stated here and used everywhere:
+
+- Frames are rows top-down. Angles are counter-clockwise from the image's +x axis *as displayed*; a yarn's axis has no
+  direction, so its angle lies in [0, π).
+- The frame is seen from outside the cylinder, e_z points along `cylinder_axis` as displayed, and the yarn travels to
+  the right of e_z. So θ = (cylinder_axis − axis_angle) mod π, in (0, π): π/2 where the yarn crosses e_z squarely.
+- Twist is positive for Z: on the near face the fibres run like the stroke of the letter, from lower left to upper right
+  when the yarn is vertical, which is a right-handed helix. Turning or travelling yarn, or the choice of one of the
+  axis' two directions, does not change it; a mirrored image does.
+
+Outlying frames (a diameter or a twist more than 5 standard deviations of the bulk away from the median, each from the
+median absolute deviation) keep their values and are flagged, but do not enter the means.
+"""
+
+import math
+from collections import Counter
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError, nearest
+from pipeline.measure.axis import YarnAxis, find_axis
+from pipeline.measure.twist import surface_twist
+from pipeline.measure.uncertainty import mean_estimate
+from pipeline.records import Array, Estimate, FrameFlag, RawVideo, Scale, Thumbnail, YarnMeasurement
+
+METHODS = ("surface",)
+"""Known ways to measure twist: 'surface' is the slope of the fibres on a single yarn's unrolled surface."""
+
+METHOD_U_ANGLE = math.radians(0.02)
+METHOD_U_DIAMETER = 0.01
+METHOD_U_TWIST = 0.01
+"""Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
+errors on rendered yarn of 20 to 60 px, see tests/measure/test_yarn_truth.py."""
+
+OUTLYING = 5.0
+SATURATED_SHARE = 0.01
+"""Share of the yarn's pixels at full scale from which a frame is flagged."""
+THUMBNAILS = 6
+THUMBNAIL_WIDTH = 480
+
+
+def measure_yarn(
+    video: RawVideo, scale: Scale, *, cylinder_axis: float | None, method: str = "surface"
+) -> YarnMeasurement:
+    """Measure the yarn in every frame of a clip; one frame is held in memory at a time.
+
+    Parameters
+    ----------
+    video : the clip, n frames.
+    scale : object scale; without its uncertainty the means' u lack that term, and `reason` says so.
+    cylinder_axis : direction of e_z [rad], counter-clockwise from +x as displayed; without it θ is NaN.
+    method : one of `METHODS`.
+
+    Raises
+    ------
+    InputError
+        If the method is not known or the scale is not a positive number. Frames that cannot be read are flagged.
+    """
+    if method not in METHODS:
+        raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
+    if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
+        raise InputError(
+            "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
+        )
+    n = len(video.frames)
+    angle, twist, diameter = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
+    centre = np.full((n, 2), np.nan)
+    confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
+    reasons: Counter[str] = Counter()
+    for i in range(n):
+        try:
+            frame = video.frames.frame(i)
+        except InputError:
+            flag[i] = FrameFlag.UNREADABLE
+            continue
+        axis = find_axis(frame)
+        if axis is None:
+            flag[i] = FrameFlag.NO_YARN
+            continue
+        found = surface_twist(axis)
+        centre[i], angle[i], diameter[i], twist[i] = axis.centre, axis.angle, axis.diameter, found.per_pixel
+        confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.coherence) * (not found.reason))
+        if found.reason:
+            flag[i] |= FrameFlag.TWIST_NOT_CREDIBLE
+            reasons[found.reason] += 1
+        if _saturated(axis, video.bits):
+            flag[i] |= FrameFlag.SATURATED
+
+    diameter *= scale.metres_per_pixel
+    twist /= scale.metres_per_pixel
+    flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
+    theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
+    kept = (flag & FrameFlag.OUTLIER) == 0
+    summary = _summary({"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}, kept, scale)
+    if cylinder_axis is None:
+        summary["theta_B"] = Estimate(math.nan, n=0, reason="no cylinder axis was given")
+    mean_twist = summary["twist"].mean
+    return YarnMeasurement(
+        raw=video,
+        method=method,
+        axis_angle=angle,
+        theta=theta,
+        twist=twist,
+        diameter=diameter,
+        confidence=confidence,
+        flag=flag,
+        summary=summary,
+        handedness="" if math.isnan(mean_twist) else "Z" if mean_twist > 0 else "S",
+        reason=_reason(video, scale, flag, reasons),
+        thumbnails=_thumbnails(video, centre, angle, diameter / scale.metres_per_pixel, twist),
+    )
+
+
+def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
+    """Return the document of `yarnval measure --json`: edge units (°, tpm, mm), null where a number is not known."""
+    summary = {}
+    for key, name, unit in (
+        ("theta_B", "theta_B_deg", math.degrees(1)),
+        ("axis_angle", "axis_angle_deg", math.degrees(1)),
+        ("twist", "twist_tpm", 1.0),
+        ("diameter", "diameter_mm", 1e3),
+    ):
+        estimate = measurement.summary[key]
+        if key == "theta_B" and not np.any(np.isfinite(measurement.theta)):
+            continue
+        summary[name] = {
+            "mean": _number(estimate.mean * unit),
+            "cv_percent": _number(estimate.cv * 100),
+            "n": estimate.n,
+            "n_eff": _number(estimate.n_eff),
+            "u": _number(estimate.u * unit),
+        }
+    return {
+        "frames": len(measurement.flag),
+        "fps": _number(measurement.raw.rate),
+        "time_s": _numbers(measurement.raw.time),
+        "axis_angle_deg": _numbers(np.degrees(measurement.axis_angle)),
+        "twist_tpm": _numbers(measurement.twist),
+        "diameter_mm": _numbers(measurement.diameter * 1e3),
+        "confidence": _numbers(measurement.confidence),
+        "flag": [" ".join(f.name or "" for f in FrameFlag if f & int(bits)) for bits in measurement.flag],
+        "summary": summary,
+        "method": measurement.method,
+        "handedness": measurement.handedness,
+        "reason": measurement.reason,
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _saturated(axis: YarnAxis, bits: int) -> bool:
+    body = axis.strip[np.abs(axis.across) < axis.diameter / 2]
+    return float(np.mean(body >= 2**bits - 1)) > SATURATED_SHARE
+
+
+def _outlying(values: Array) -> NDArray[np.bool_]:
+    """Say which values lie far outside the bulk; NaN does not."""
+    good = values[np.isfinite(values)]
+    if good.size < 5:
+        return np.zeros(values.shape, bool)
+    median = float(np.median(good))
+    # at least 1 % of the median, so that a steady yarn's rounding is no outlier
+    spread = max(1.4826 * float(np.median(np.abs(good - median))), 0.01 * abs(median))
+    with np.errstate(invalid="ignore"):
+        return np.abs(values - median) > OUTLYING * spread
+
+
+def _unwrapped(angles: Array) -> Array:
+    """Shift angles of axes by multiples of π to within π/2 of their mean direction."""
+    good = angles[np.isfinite(angles)]
+    middle = 0.5 * float(np.angle(np.exp(2j * good).sum())) if good.size else 0.0
+    middle %= math.pi
+    return middle + np.mod(angles - middle + math.pi / 2, math.pi) - math.pi / 2
+
+
+def _summary(series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale) -> dict[str, Estimate]:
+    dropped = int(np.count_nonzero(~kept))
+    left_out = [f"{dropped} outlying frames left out"] if dropped else []
+    no_scale_u = [] if math.isfinite(scale.relative_u) else ["the scale's uncertainty is not stated and not in u"]
+    estimates = {}
+    for name, values in series.items():
+        if name in ("axis_angle", "theta_B"):
+            used = np.where(kept, _unwrapped(values), np.nan)
+            terms, notes = [METHOD_U_ANGLE], left_out
+        else:
+            used = np.where(kept, values, np.nan)
+            level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
+            method_u = METHOD_U_TWIST if name == "twist" else METHOD_U_DIAMETER
+            terms, notes = [method_u * level, scale.relative_u * level], left_out + no_scale_u
+        estimates[name] = mean_estimate(used, extra_u=terms, reason="; ".join(notes))
+    return estimates
+
+
+def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Counter[str]) -> str:
+    n = len(flag)
+    parts = []
+    for bit, what in (
+        (FrameFlag.UNREADABLE, "cannot be read"),
+        (FrameFlag.NO_YARN, "show no yarn whose axis could be found"),
+        (FrameFlag.SATURATED, "are saturated on the yarn"),
+        (FrameFlag.OUTLIER, "are outliers and do not enter the means"),
+    ):
+        count = int(np.count_nonzero(flag & bit))
+        if count:
+            parts.append(f"{count} of {n} frames {what}")
+    if reasons:
+        text, _ = reasons.most_common(1)[0]
+        parts.append(f"twist is not credible in {sum(reasons.values())} of {n} frames: {text}")
+    if video.bits <= 8:
+        parts.append(f"the clip holds {video.bits} bits where the camera's depth is 12: the texture's depth is lost")
+    if not math.isfinite(scale.relative_u):
+        parts.append("the scale's uncertainty is not stated: u of diameter and twist lack it")
+    return "; ".join(parts)
+
+
+def _thumbnails(video: RawVideo, centre: Array, angle: Array, diameter: Array, twist: Array) -> tuple[Thumbnail, ...]:
+    """Reduce a few evenly spaced measured frames to 8 bits; `diameter` in pixels."""
+    measured = np.flatnonzero(np.isfinite(angle))
+    if not measured.size:
+        return ()
+    chosen = np.unique(measured[np.linspace(0, measured.size - 1, THUMBNAILS).round().astype(int)])
+    thumbnails = []
+    for i in chosen:
+        frame = video.frames.frame(int(i))
+        shrink = min(1.0, THUMBNAIL_WIDTH / frame.shape[1])
+        image = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.float32)
+        dark, bright = np.percentile(image, (0.5, 99.8))
+        image = np.clip((image - dark) * (255 / max(bright - dark, 1.0)), 0, 255).astype(np.uint8)
+        x, y = ((float(value) + 0.5) * shrink - 0.5 for value in centre[i])
+        thumbnails.append(
+            Thumbnail(int(i), image, (x, y), float(angle[i]), float(diameter[i]) * shrink, float(twist[i]))
+        )
+    return tuple(thumbnails)

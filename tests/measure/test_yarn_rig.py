@@ -1,0 +1,41 @@
+"""The synthetic study's files, as a user's are read, against the truth that is stored apart."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.ingest.video import open_video
+from pipeline.measure.yarn import measure_yarn
+from pipeline.records import Scale
+from pipeline.synthetic import FRAME_RATE, RIG
+
+ROOT = Path(__file__).parents[2]
+RIG_FOLDER = ROOT / "data_samples" / "rig"
+
+
+def truth(case):
+    with (ROOT / "tests" / "truth" / "rig.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["case"] == case]
+    return {key: np.array([float(row[key]) for row in rows]) for key in rows[0] if key != "case"}
+
+
+@pytest.mark.parametrize("case", RIG, ids=lambda case: case.name)
+def test_the_rig_measures_as_its_truth(case):
+    video = open_video(RIG_FOLDER / case.name / case.video, fps=FRAME_RATE, bits=12, root=RIG_FOLDER)
+    m = measure_yarn(video, Scale(case.micrometres_per_pixel * 1e-6, 0.003), cylinder_axis=math.pi / 2)
+    known = truth(case.name)
+    assert len(m.flag) == case.frames
+    assert not np.any(m.flag)
+    assert m.handedness == "Z"
+    error = np.mod(np.degrees(m.axis_angle) - known["axis_angle_deg"] + 90, 180) - 90
+    assert np.abs(error).max() < 0.1
+    np.testing.assert_allclose(np.degrees(m.theta), known["theta_B_deg"], atol=0.1)
+    np.testing.assert_allclose(m.diameter * 1e3, known["diameter_mm"], rtol=0.02)
+    assert np.mean(m.twist / known["twist_tpm"]) == pytest.approx(1, abs=0.02)
+    assert m.summary["twist"].mean == pytest.approx(case.twist[0], rel=0.02)
+    assert m.summary["twist"].cv == pytest.approx(case.twist[1], abs=0.01)
+    assert math.degrees(m.summary["theta_B"].mean) == pytest.approx(case.theta[0], abs=0.1)
+    assert m.summary["theta_B"].cv == pytest.approx(case.theta[1], abs=0.001)

@@ -1,0 +1,233 @@
+"""Rendered yarn of known truth against what is measured in it. The renderer and the measurement share no code."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InputError
+from pipeline.measure.yarn import measure_json, measure_yarn
+from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.synthetic import Material, Optics, render_frame
+
+DIAMETER = 0.16e-3
+SHAPE = (256, 400)
+
+
+class Stack:
+    """Frames in memory; an entry that is None cannot be read."""
+
+    def __init__(self, images):
+        self.images = images
+
+    def __len__(self):
+        return len(self.images)
+
+    def frame(self, index):
+        if self.images[index] is None:
+            raise InputError("stack", f"frame {index} is truncated", "a whole frame")
+        return self.images[index]
+
+
+def clip(images, bits=12):
+    time = np.arange(len(images)) / 1200
+    return RawVideo(Source("stack", "", 0), Stack(images), time, 1200.0, bits, SHAPE)
+
+
+def yarn(seed, *, diameter, twist, angles, material=None, optics=None, hairs=1.5):
+    """Frames of one yarn [12 bit]; diameter [px], twist [1/m], angles [°]."""
+    rng = np.random.default_rng(seed)
+    metres = DIAMETER / diameter
+    material = material or Material.draw(rng, fibre_length=0.5 / (abs(twist) * DIAMETER), hairs_per_diameter=hairs)
+    return [
+        render_frame(
+            material,
+            rng,
+            shape=SHAPE,
+            axis_angle=math.radians(angle),
+            diameter=diameter,
+            twist=twist * metres,
+            offset=rng.uniform(-8, 8),
+            phase=rng.uniform(0, 2 * math.pi),
+            travel=rng.uniform(0, 100) * diameter,
+            optics=optics,
+        )
+        for angle in angles
+    ]
+
+
+def measured(images, diameter, **kwargs):
+    return measure_yarn(clip(images), Scale(DIAMETER / diameter, 0.002), cylinder_axis=math.pi / 2, **kwargs)
+
+
+GRID = [
+    (22, 300, 20), (22, -700, 65), (22, 1500, 160), (32, -300, 135), (32, 1200, 12), (32, -1500, 90), (45, 600, 178),
+    (45, -1000, 110), (60, 300, 30), (60, -900, 150), (60, 1500, 75),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("diameter", "twist", "angle"), GRID)
+def test_clip_means_agree_with_the_truth(diameter, twist, angle):
+    angles = angle + np.linspace(-2, 2, 12)
+    optics = Optics(
+        blur=0.7 + 0.005 * diameter, light_angle=0.3 * math.copysign(1, twist), ambient=0.3 + diameter / 200
+    )
+    m = measured(yarn([diameter, abs(twist)], diameter=diameter, twist=twist, angles=angles, optics=optics), diameter)
+    error = np.mod(np.degrees(m.axis_angle) - angles + 90, 180) - 90
+    assert abs(error.mean()) < 0.02
+    assert np.abs(error).max() < 0.1
+    assert m.summary["diameter"].mean == pytest.approx(DIAMETER, rel=0.02)
+    assert np.all(np.isfinite(m.twist))
+    assert m.summary["twist"].mean == pytest.approx(twist, rel=0.02)
+    assert m.handedness == ("Z" if twist > 0 else "S")
+    assert np.all(np.sign(m.twist) == np.sign(twist))
+
+
+def test_a_step_edge_has_no_shading_bias():
+    flat = yarn(7, diameter=40, twist=1000, angles=[25] * 4, optics=Optics(ambient=1.0, uneven=(0, 0)), hairs=0)
+    lit = yarn(7, diameter=40, twist=1000, angles=[25] * 4, optics=Optics(ambient=0.15, light_angle=0), hairs=0)
+    for images in (flat, lit):
+        assert measured(images, 40).summary["diameter"].mean == pytest.approx(DIAMETER, rel=0.015)
+
+
+def test_noise_and_hairs():
+    optics = Optics(full_well=3000, read_noise=20)
+    angles = np.full(12, 140.0)
+    m = measured(yarn(3, diameter=32, twist=1000, angles=angles, optics=optics, hairs=6), 32)
+    assert np.degrees(m.axis_angle).mean() == pytest.approx(140, abs=0.1)
+    assert m.summary["diameter"].mean == pytest.approx(DIAMETER, rel=0.02)
+    assert m.summary["twist"].mean == pytest.approx(1000, rel=0.02)
+
+
+def test_a_second_thin_object_does_not_turn_the_axis():
+    images = yarn(4, diameter=32, twist=1000, angles=[30.0] * 3)
+    for image in images:
+        image[:, 118:124] = 2600
+        image[40:43, :] = 2000
+    m = measured(images, 32)
+    np.testing.assert_allclose(np.degrees(m.axis_angle), 30, atol=0.1)
+    np.testing.assert_allclose(m.diameter, DIAMETER, rtol=0.02)
+
+
+def test_a_mirrored_frame_has_the_other_hand_and_the_mirrored_angle():
+    images = yarn(5, diameter=36, twist=900, angles=[25.0, 80.0, 140.0])
+    seen = measured(images, 36)
+    mirrored = measured([np.ascontiguousarray(image[:, ::-1]) for image in images], 36)
+    np.testing.assert_allclose(mirrored.twist, -seen.twist, rtol=0.01)
+    np.testing.assert_allclose(mirrored.axis_angle, math.pi - seen.axis_angle, atol=math.radians(0.01))
+    np.testing.assert_allclose(mirrored.diameter, seen.diameter, rtol=0.002)
+    turned = measured([np.ascontiguousarray(image[::-1, ::-1]) for image in images], 36)
+    np.testing.assert_allclose(turned.twist, seen.twist, rtol=0.01)
+    np.testing.assert_allclose(turned.axis_angle, seen.axis_angle, atol=math.radians(0.01))
+
+
+def smooth(rng):
+    material = Material.draw(rng)
+    return Material(np.zeros_like(material.texture), material.length, material.hairs)
+
+
+NOT_CREDIBLE = [
+    ("small", 8, None, None, "px across"),
+    ("smooth", 32, smooth(np.random.default_rng(1)), None, ""),
+    ("defocused", 32, None, Optics(blur=6), "blurred"),
+]
+
+
+@pytest.mark.parametrize(("name", "diameter", "material", "optics", "why"), NOT_CREDIBLE)
+def test_twist_that_cannot_be_seen_is_not_given(name, diameter, material, optics, why):
+    images = yarn(6, diameter=diameter, twist=1000, angles=np.linspace(20, 160, 8), material=material, optics=optics)
+    m = measured(images, diameter)
+    assert np.all(np.isnan(m.twist)), name
+    assert np.all(m.flag & (FrameFlag.TWIST_NOT_CREDIBLE | FrameFlag.NO_YARN))
+    assert math.isnan(m.summary["twist"].mean)
+    assert m.handedness == ""
+    assert why in m.reason
+    assert m.reason
+
+
+def test_frames_without_yarn_and_broken_frames_are_flagged_and_the_rest_is_used():
+    images = yarn(8, diameter=32, twist=1100, angles=[15.0] * 5)
+    noise = np.random.default_rng(0).normal(250, 5, SHAPE).round().astype(np.uint16)
+    m = measured([*images[:2], None, noise, np.zeros(SHAPE, np.uint16), *images[2:]], 32)
+    assert list(m.flag) == [0, 0, FrameFlag.UNREADABLE, FrameFlag.NO_YARN, FrameFlag.NO_YARN, 0, 0, 0]
+    assert np.all(np.isnan(m.axis_angle[2:5]))
+    assert np.all(m.confidence[2:5] == 0)
+    assert np.all(m.confidence[m.flag == 0] > 0.5)
+    assert m.summary["twist"].mean == pytest.approx(1100, rel=0.02)
+    assert "1 of 8 frames cannot be read" in m.reason
+
+
+def test_angles_near_the_wrap_average_to_the_wrap():
+    m = measured(yarn(9, diameter=32, twist=1000, angles=[-3, 3, -2, 2]), 32)
+    assert math.degrees(m.summary["axis_angle"].mean) == pytest.approx(0, abs=0.05)
+    assert math.degrees(m.summary["theta_B"].mean) == pytest.approx(90, abs=0.05)
+
+
+def test_eight_bits_are_accepted_and_named():
+    images = [(image >> 4).astype(np.uint8) for image in yarn(10, diameter=32, twist=-1200, angles=[40] * 6)]
+    m = measure_yarn(clip(images, bits=8), Scale(DIAMETER / 32), cylinder_axis=None)
+    assert "8 bits" in m.reason
+    assert "scale's uncertainty" in m.reason
+    assert m.summary["twist"].mean == pytest.approx(-1200, rel=0.02)
+    assert np.all(np.isnan(m.theta))
+
+
+def test_uncertainty_holds_the_scale():
+    images = yarn(11, diameter=32, twist=1000, angles=[40] * 6)
+    tight = measure_yarn(clip(images), Scale(DIAMETER / 32, 0.0), cylinder_axis=None).summary
+    loose = measure_yarn(clip(images), Scale(DIAMETER / 32, 0.05), cylinder_axis=None).summary
+    for key in ("diameter", "twist"):
+        assert math.sqrt(loose[key].u ** 2 - tight[key].u ** 2) == pytest.approx(0.05 * loose[key].mean, rel=1e-6)
+    assert loose["axis_angle"].u == tight["axis_angle"].u
+
+
+def test_an_outlying_frame_is_flagged_and_left_out_of_the_means():
+    images = yarn(12, diameter=32, twist=1000, angles=[40] * 8) + yarn(13, diameter=48, twist=1000, angles=[40])
+    m = measured(images, 32)
+    assert m.flag[8] & FrameFlag.OUTLIER
+    assert m.diameter[8] == pytest.approx(1.5 * DIAMETER, rel=0.02)
+    assert m.summary["diameter"].n == 8
+    assert "outlier" in m.reason
+
+
+def test_saturated_frames_are_flagged():
+    m = measured(yarn(14, diameter=32, twist=1000, angles=[40] * 2, optics=Optics(yarn=1.1)), 32)
+    assert np.all(m.flag & FrameFlag.SATURATED)
+
+
+def test_json_has_the_contract_s_keys_and_no_nan():
+    images = yarn(15, diameter=32, twist=1000, angles=[40] * 3)
+    document = measure_json(measured([*images, None], 32))
+    assert set(document) == {
+        "frames", "fps", "time_s", "axis_angle_deg", "twist_tpm", "diameter_mm", "confidence", "flag", "summary",
+        "method", "handedness", "reason",
+    }  # fmt: skip
+    assert set(document["summary"]) == {"theta_B_deg", "axis_angle_deg", "twist_tpm", "diameter_mm"}
+    assert set(document["summary"]["twist_tpm"]) == {"mean", "cv_percent", "n", "n_eff", "u"}
+    assert document["twist_tpm"][3] is None
+    assert document["flag"] == ["", "", "", "UNREADABLE"]
+    assert document["summary"]["theta_B_deg"]["mean"] == pytest.approx(50, abs=0.1)
+    without = measure_json(measure_yarn(clip(images), Scale(5e-6), cylinder_axis=None))
+    assert "theta_B_deg" not in without["summary"]
+
+
+def test_thumbnails_carry_what_was_measured_in_their_own_pixels():
+    images = yarn(16, diameter=32, twist=1000, angles=[20] * 8)
+    wide = [np.pad(image, ((0, 0), (0, 560)), mode="edge") for image in images]
+    thumbnails = measured(images, 32).thumbnails
+    assert [t.frame for t in thumbnails] == [0, 1, 3, 4, 6, 7]
+    for t in thumbnails:
+        assert t.image.dtype == np.uint8
+        assert t.image.shape == SHAPE
+        x, y = round(t.centre[0]), round(t.centre[1])
+        assert t.image[y, x] > 60
+        assert t.diameter == pytest.approx(32, rel=0.02)
+    assert all(t.image.shape[1] <= 480 for t in measured(wide, 32).thumbnails)
+
+
+def test_wrong_calls_are_refused():
+    images = yarn(17, diameter=32, twist=1000, angles=[20])
+    with pytest.raises(InputError, match="surface"):
+        measured(images, 32, method="surfase")
+    with pytest.raises(InputError, match="positive number"):
+        measure_yarn(clip(images), Scale(0.0), cylinder_axis=None)
