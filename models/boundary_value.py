@@ -98,30 +98,30 @@ def assemble(problem: Problem, discretisation: Discretisation, fields: Array, w:
     """Residual, shape (m n + m + 1,), and Jacobian of the discrete problem. Unknowns: fields row by row, then w."""
     m, size = fields.shape
     n = size - 1
-    derivatives = discretisation.derivatives
-    where = [(i, k) for i, order in enumerate(problem.orders) for k in range(order + 1)]
+    matrices = [discretisation.derivatives[: order + 1] for order in problem.orders]
+    values = np.concatenate([matrix @ field for matrix, field in zip(matrices, fields, strict=True)])
 
-    # One direction per pointwise argument, and one for w.
-    directions = len(where) + 1
+    # Row d of every argument is perturbed in direction d: one direction per pointwise argument, and one for w.
+    directions = values.shape[0] + 1
     step = 1j * COMPLEX_STEP
-    arguments = [np.tile((derivatives[k] @ fields[i]).astype(complex), (directions, 1)) for i, k in where]
-    for row, argument in enumerate(arguments):
-        argument[row] += step
+    arguments = np.repeat(values[:, None, :].astype(complex), directions, axis=1)
+    each: NDArray[np.intp] = np.arange(directions - 1)
+    arguments[each, each] += step
     constant = np.full((directions, 1), w, dtype=complex)
     constant[-1] += step
-    grouped = [[argument for (i, _), argument in zip(where, arguments, strict=True) if i == j] for j in range(m)]
+    splits = np.cumsum([order + 1 for order in problem.orders])
+    grouped = [list(group) for group in np.split(arguments, splits[:-1])]
     with np.errstate(all="ignore"):  # a trial step may leave the domain; Newton sees the non-finite value
-        values = _stacked(problem.equations(grouped, constant), (directions, n))
-    slopes = values.imag / COMPLEX_STEP
+        equations = _stacked(problem.equations(grouped, constant), (directions, n))
+    slopes = equations.imag / COMPLEX_STEP
 
     residual = np.empty(m * n + m + 1)
     jacobian = np.zeros((m * n + m + 1, m * size + 1))
-    residual[: m * n] = values[:, 0].real.ravel()
-    for equation in range(m):
-        rows = slice(equation * n, (equation + 1) * n)
-        for direction, (i, k) in enumerate(where):
-            jacobian[rows, i * size : (i + 1) * size] += slopes[equation, direction][:, None] * derivatives[k]
-        jacobian[rows, -1] = slopes[equation, -1]
+    residual[: m * n] = equations[:, 0].real.ravel()
+    blocks = jacobian[: m * n, :-1].reshape(m, n, m, size)
+    for i, (matrix, slope) in enumerate(zip(matrices, np.split(slopes[:, :-1], splits[:-1], axis=1), strict=True)):
+        blocks[:, :, i, :] = np.einsum("ekn,knj->enj", slope, matrix)
+    jacobian[: m * n, -1] = slopes[:, -1].ravel()
 
     ends = np.tile(np.concatenate([fields[:, 0], fields[:, -1], [w]]).astype(complex), (2 * m + 1, 1)).T
     ends[np.arange(2 * m + 1), np.arange(2 * m + 1)] += step

@@ -29,7 +29,7 @@ class NewtonStatus(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NewtonResult:
-    """Last iterate, shape (n,), and the evidence for it. Norms are maximum norms."""
+    """Last iterate, shape (n,), and the evidence for it: maximum norms of F and of the Newton correction at x."""
 
     x: Array
     status: NewtonStatus
@@ -57,27 +57,25 @@ def newton(
     ----------
     function : x of shape (n,) → (F of shape (n,), exact Jacobian of shape (n, n)).
     start : shape (n,), not changed.
-    step_tolerance : largest accepted |Δx| of the last full step, relative to 1 + |x|.
-    residual_tolerance : largest accepted |F| after that step.
+    step_tolerance : largest accepted Newton correction |J⁻¹F| at x, relative to 1 + |x|.
+    residual_tolerance : largest accepted |F| at x.
     max_iterations : Newton steps, each with one Jacobian.
     min_damping : smallest step length tried before the iteration counts as stalled.
     """
     x = np.array(start, dtype=float)
     value, jacobian = function(x)
-    step = np.inf
-    damping = 1.0
-    for iteration in range(max_iterations + 1):
+    step, damping = np.inf, 1.0
+    for iteration in range(max_iterations):
         residual = float(np.max(np.abs(value)))
         if not (np.isfinite(residual) and np.all(np.isfinite(jacobian))):
             return NewtonResult(x, NewtonStatus.NOT_FINITE, iteration, residual, step, value, jacobian)
-        if step <= step_tolerance and residual <= residual_tolerance:
-            return NewtonResult(x, NewtonStatus.CONVERGED, iteration, residual, step, value, jacobian)
-        if iteration == max_iterations:
-            break
         factors = _factorise(jacobian)
         if factors is None:
             return NewtonResult(x, NewtonStatus.SINGULAR, iteration, residual, step, value, jacobian)
         direction: Array = -lu_solve(factors, value)
+        step = float(np.max(np.abs(direction) / (1.0 + np.abs(x))))
+        if step <= step_tolerance and residual <= residual_tolerance:
+            return NewtonResult(x, NewtonStatus.CONVERGED, iteration, residual, step, value, jacobian)
         size = float(np.linalg.norm(direction))
         damping = min(1.0, 4.0 * damping)
         while True:
@@ -85,20 +83,14 @@ def newton(
             trial_value, trial_jacobian = function(trial)
             if np.all(np.isfinite(trial_value)):
                 simplified = float(np.linalg.norm(lu_solve(factors, trial_value)))
-                # At the level of rounding the correction cannot decrease any more: accept the full step.
-                rounding = 1e-13 * (1.0 + float(np.linalg.norm(x)))
-                if simplified <= (1.0 - damping / 4.0) * size or max(simplified, size) <= rounding:
+                if simplified <= (1.0 - damping / 4.0) * size:
                     break
             damping /= 2.0
             if damping < min_damping:
                 return NewtonResult(x, NewtonStatus.STALLED, iteration, residual, step, value, jacobian)
-        step = damping * float(np.max(np.abs(direction) / (1.0 + np.abs(x))))
-        if damping < 1.0:
-            step = max(step, 2.0 * step_tolerance)  # a shortened step never counts as convergence
         x, value, jacobian = trial, trial_value, trial_jacobian
-    return NewtonResult(
-        x, NewtonStatus.MAX_ITERATIONS, max_iterations, float(np.max(np.abs(value))), step, value, jacobian
-    )
+    residual = float(np.max(np.abs(value)))
+    return NewtonResult(x, NewtonStatus.MAX_ITERATIONS, max_iterations, residual, step, value, jacobian)
 
 
 def _factorise(jacobian: Array) -> tuple[Array, NDArray[np.int32]] | None:

@@ -27,6 +27,8 @@ from models.solution import PROFILE_POINTS, Fields, failed, solution, start_valu
 DEGREES = (6, 8, 10, 12, 14, 16, 18)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the search ends."""
+STEP_TOLERANCE = 1e-10
+"""Of Newton's correction: below PRECISION, above the rounding of an acceptable Jacobian."""
 LARGEST_CHANGE = 1e-4
 """Change above which the slow manifold is not defined well enough to report numbers."""
 LARGEST_CONDITION = 1e9
@@ -59,7 +61,7 @@ def solve_slow_manifold(scene: Scene, model: str, problem: RodProblem) -> Soluti
         else:
             start = np.array([chebyshev_values(f, discretisation.nodes, length) for f in result.fields])
             w = result.w
-        result = solve(problem, discretisation, start, w)
+        result = solve(problem, discretisation, start, w, step_tolerance=STEP_TOLERANCE)
         iterations += result.newton.iterations
         condition = result.condition
         if result.newton.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:

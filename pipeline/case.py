@@ -33,6 +33,8 @@ class RawFiles:
     video: tuple[Path, ...]
     scale: Scale | None
     fps: float | None
+    bits: int | None
+    """Significant bits of a pixel, where the files do not state them."""
     cylinder_axis: float | None
     """e_z as displayed [rad], counter-clockwise from the image's +x axis."""
     method: str
@@ -205,6 +207,7 @@ def _raw_files(keys: RawKeys, file: Path) -> RawFiles:
         tuple(file.parent / v for v in keys.video),
         scale,
         keys.fps,
+        keys.bits,
         math.radians(keys.axis_deg) if keys.axis_deg is not None else None,
         keys.method,
     )

@@ -1,12 +1,15 @@
 """Check: hold errors against bounds, for a CI job; and write them as JUnit XML."""
 
+import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 from pipeline.atomic import whole_file
-from pipeline.records import Comparison
+from pipeline.errors import InputError
+from pipeline.records import Comparison, Quantity
 
 
 def verdict(row: Comparison) -> str:
@@ -19,6 +22,48 @@ def verdict(row: Comparison) -> str:
     sign = "within" if row.within else "EXCEEDS"
     line = f"{name}: {found} {sign} bound {row.bound_percent:g} %"
     return f"{line} (exception: {row.bound_reason})" if row.bound_reason else line
+
+
+def read_errors(report: Path) -> tuple[str, tuple[Comparison, ...]]:
+    """The study's name and its comparison rows from `errors.json` of a report folder.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated or not one of ours.
+    """
+    file = report / "errors.json"
+    right = "make the report again with `yarnval report`"
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+        rows = [{f.name: row[f.name] for f in fields(Comparison)} for row in document["rows"]]
+        return str(document["study"]), tuple(_comparison(row) for row in rows)
+    except OSError as error:
+        raise InputError(file, f"cannot be read ({error.strerror})", right) from None
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(file, f"truncated or not errors.json of a report ({error})", right) from None
+
+
+def _comparison(row: dict[str, object]) -> Comparison:
+    numbers = {name: math.nan if value is None else value for name, value in row.items()}
+    return Comparison(
+        **numbers | {"quantity": Quantity(str(row["quantity"])), "missing_u": tuple(row["missing_u"])}  # type: ignore[arg-type]
+    )
+
+
+def as_json(row: Comparison) -> dict[str, object]:
+    """What was held against which bound, with null where no error is known."""
+    return {
+        "case": row.case,
+        "quantity": row.quantity.value,
+        "model": row.model,
+        "E_percent": None if math.isnan(row.E_percent) else row.E_percent,
+        "bound_percent": row.bound_percent,
+        "within": row.within,
+        "bound_reason": row.bound_reason,
+        "outcome": row.outcome,
+        "message": row.message,
+    }
 
 
 def write_junit(studies: Mapping[str, Sequence[Comparison]], file: Path) -> None:

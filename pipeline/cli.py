@@ -25,7 +25,7 @@ progress = Console(stderr=True)
 DEFAULT_STUDIES = Path("data_samples")
 Studies = Annotated[
     list[Path] | None,
-    typer.Argument(help="Study folders, or folders of studies (default: data_samples).", show_default=False),
+    typer.Argument(help="Study folders, or folders of studies [default: data_samples].", show_default=False),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else.")]
 
@@ -88,21 +88,30 @@ def check(
     junit: Annotated[Path | None, typer.Option(help="Also write the result as JUnit XML.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Hold each model's errors against the study's bounds: exit 1 if one is exceeded or missing."""
+    """Hold each model's errors against the study's bounds: exit 1 if one is exceeded or missing.
+
+    A study's errors are computed anew; those of a report folder are read from its errors.json.
+    """
     from pipeline.case import find_studies, load_study
-    from pipeline.check import verdict, write_junit
+    from pipeline.check import as_json as as_json_row
+    from pipeline.check import read_errors, verdict, write_junit
     from pipeline.run import evaluate
 
     rows = {}
-    for folder in find_studies(studies or [DEFAULT_STUDIES]):
-        with _status(f"checking {folder.name}"):
-            results = evaluate(load_study(folder))
-        rows[results.name] = [row for row in results.comparisons if row.bounded]
+    for path in studies or [DEFAULT_STUDIES]:
+        if (path / "errors.json").is_file():
+            name, comparisons = read_errors(path)
+            rows[name] = [row for row in comparisons if row.bounded]
+            continue
+        for folder in find_studies([path]):
+            with _status(f"checking {folder.name}"):
+                results = evaluate(load_study(folder))
+            rows[results.name] = [row for row in results.comparisons if row.bounded]
     if junit:
         write_junit(rows, junit)
     broken = [(name, row) for name, bounded in rows.items() for row in bounded if not row.within]
     if as_json:
-        document = {name: [_json_row(row) for row in bounded] for name, bounded in rows.items()}
+        document = {name: [as_json_row(row) for row in bounded] for name, bounded in rows.items()}
         _print_json({"passed": not broken, "studies": document})
     else:
         for name, bounded in rows.items():
@@ -245,12 +254,6 @@ class _Quiet:
 
 def _cell(value: object) -> str:
     return repr(value) if isinstance(value, float) else str(value)
-
-
-def _json_row(row: Any) -> dict[str, object]:
-    from pipeline.report.tables import comparison_json
-
-    return comparison_json(row)
 
 
 def _print_json(document: object) -> None:

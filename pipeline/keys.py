@@ -154,6 +154,7 @@ class RawKeys(Keys):
     video: list[str] = []
     scale_um_per_px: Number | None = None
     fps: Annotated[float, Field(gt=0)] | None = None
+    bits: Annotated[int, Field(ge=1, le=16)] | None = None
     axis_deg: float | None = None
     method: Literal["surface"] = "surface"
 

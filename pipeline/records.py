@@ -70,6 +70,7 @@ class FrameFlag(IntFlag):
     SATURATED = 4
     TWIST_NOT_CREDIBLE = 8
     OUTLIER = 16
+    REDUCED_DEPTH = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,7 +282,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Results:
-    """Everything the report of one study says; `pipeline.store.to_tree` makes the one tree that figures and tables read."""
+    """Everything the report of one study says; `pipeline.store.to_tree` makes it the tree that the report reads."""
 
     name: str
     title: str

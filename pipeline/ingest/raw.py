@@ -21,5 +21,5 @@ def read_raw(raw: RawFiles, folder: Path) -> tuple[tuple[RawTension, ...], tuple
         read_tension(log.path, load_layout(log.profile, folder), root=folder, channel=log.channel)
         for log in raw.tension
     )
-    clips = tuple(open_video(path, fps=raw.fps, root=folder) for path in raw.video)
+    clips = tuple(open_video(path, fps=raw.fps, bits=raw.bits, root=folder) for path in raw.video)
     return logs, clips

@@ -1,12 +1,13 @@
 """The three compared quantities of one case from its logs and clips."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pipeline.case import Case
 from pipeline.measure.tension import measure_tension
 from pipeline.measure.uncertainty import combine
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import Estimate, Measured, Quantity, RawTension, RawVideo
+from pipeline.records import Estimate, Measured, Quantity, RawTension, RawVideo, YarnMeasurement
 
 
 def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVideo]) -> Measured:
@@ -24,7 +25,13 @@ def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVide
     if tension:
         values[Quantity.TENSION_AB] = combine([log.estimate for log in tension])
     if yarn:
-        values[Quantity.TWIST_AB] = combine([clip.summary["twist"] for clip in yarn])
-        values[Quantity.THETA_B] = combine([clip.summary["theta_B"] for clip in yarn])
-    diameter = combine([clip.summary["diameter"] for clip in yarn]) if yarn else None
+        values[Quantity.TWIST_AB] = combine([_estimate(clip, "twist") for clip in yarn])
+        values[Quantity.THETA_B] = combine([_estimate(clip, "theta_B") for clip in yarn])
+    diameter = combine([_estimate(clip, "diameter") for clip in yarn]) if yarn else None
     return Measured(case.name, values, diameter, tension, yarn)
+
+
+def _estimate(clip: YarnMeasurement, name: str) -> Estimate:
+    """A clip's estimate with what is to be said of the whole clip."""
+    estimate = clip.summary[name]
+    return replace(estimate, reason="; ".join(part for part in (estimate.reason, clip.reason) if part))

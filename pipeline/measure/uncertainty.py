@@ -72,7 +72,7 @@ def combine(estimates: Sequence[Estimate]) -> Estimate:
     n = sum(e.n or 0 for e in known) or None
     n_eff = float(sum(e.n_eff for e in known))
     cv = math.sqrt(sum(e.cv**2 for e in known) / len(known))
-    reason = "; ".join(dict.fromkeys(e.reason for e in known if e.reason))
+    reason = "; ".join(dict.fromkeys(part for e in known for part in e.reason.split("; ") if part))
     means = np.array([e.mean for e in known])
     u = np.array([e.u for e in known])
     if not np.all(np.isfinite(u) & (u > 0)):

@@ -39,6 +39,8 @@ errors on rendered yarn of 20 to 60 px, see tests/measure/test_yarn_truth.py."""
 OUTLYING = 5.0
 SATURATED_SHARE = 0.01
 """Share of the yarn's pixels at full scale from which a frame is flagged."""
+REDUCED_BITS = 8
+"""Significant bits up to which a clip is flagged as reduced: exports lose the camera's 12 bits this way."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
 
@@ -92,6 +94,8 @@ def measure_yarn(
 
     diameter *= scale.metres_per_pixel
     twist /= scale.metres_per_pixel
+    if video.bits <= REDUCED_BITS:
+        flag |= np.uint16(FrameFlag.REDUCED_DEPTH)
     flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
     theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
     kept = (flag & FrameFlag.OUTLIER) == 0
@@ -216,7 +220,7 @@ def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Co
     if reasons:
         text, _ = reasons.most_common(1)[0]
         parts.append(f"twist is not credible in {sum(reasons.values())} of {n} frames: {text}")
-    if video.bits <= 8:
+    if video.bits <= REDUCED_BITS:
         parts.append(f"the clip holds {video.bits} bits where the camera's depth is 12: the texture's depth is lost")
     if not math.isfinite(scale.relative_u):
         parts.append("the scale's uncertainty is not stated: u of diameter and twist lack it")
