@@ -102,11 +102,11 @@ def assemble(problem: Problem, discretisation: Discretisation, fields: Array, w:
     values = np.concatenate([matrix @ field for matrix, field in zip(matrices, fields, strict=True)])
 
     # Row d of every argument is perturbed in direction d: one direction per pointwise argument, and one for w.
-    directions = values.shape[0] + 1
+    count = sum(order + 1 for order in problem.orders)
+    directions = count + 1
     step = 1j * COMPLEX_STEP
     arguments = np.repeat(values[:, None, :].astype(complex), directions, axis=1)
-    each: NDArray[np.intp] = np.arange(directions - 1)
-    arguments[each, each] += step
+    arguments[range(count), range(count)] += step
     constant = np.full((directions, 1), w, dtype=complex)
     constant[-1] += step
     splits = np.cumsum([order + 1 for order in problem.orders])

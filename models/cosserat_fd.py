@@ -29,6 +29,8 @@ TOLERANCE = 1e-5
 ROTATION_TOLERANCE = 1e-8
 """The paper's 10⁻⁵ on n₁ at its v = 10³, as a change of n₁/v."""
 MAX_ROTATIONS = 50
+LARGEST_CHANGE = 1e-2
+"""Relative change of the ends between the two grids above which the layers, not the solution, are seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,10 @@ def solve_cosserat_fd(scene: Scene, intervals: int = INTERVALS) -> Solution:
     if isinstance(fine, Solution):
         return fine
     fields, stats = fine
+    change = fields.end_difference(coarse[0])
+    if change > LARGEST_CHANGE:
+        text = f"{Outcome.NO_SCALE_SEPARATION.value} (the ends change by {change:.1e} between the two grids)"
+        return failed(scene, NAME, Outcome.NO_SCALE_SEPARATION, text, stats=stats)
     return solution(scene, NAME, fields, (fields.ends - coarse[0].ends) / 3, stats)
 
 

@@ -24,7 +24,7 @@ from models.outcome import Outcome, Solution, Stats
 from models.scene import Scene
 from models.solution import PROFILE_POINTS, Fields, failed, solution, start_values
 
-DEGREES = (6, 8, 10, 12, 14, 16, 18)
+DEGREES = (4, 6, 8, 10, 12, 14, 16, 18)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the search ends."""
 STEP_TOLERANCE = 1e-10
@@ -106,6 +106,10 @@ def _fields(scene: Scene, problem: RodProblem, degree: int, result: BoundaryValu
 
 
 def _failed_newton(scene: Scene, model: str, result: BoundaryValueResult) -> Solution:
-    singular = result.newton.status is NewtonStatus.SINGULAR
-    outcome = Outcome.SINGULAR if singular else Outcome.NOT_CONVERGED
-    return failed(scene, model, outcome, f"{outcome.value} ({result.newton.status.value})")
+    """The outcome where not even two low degrees gave a solution."""
+    status = result.newton.status
+    if status is NewtonStatus.CONVERGED:
+        text = f"{Outcome.NO_SCALE_SEPARATION.value} (condition number {result.condition:.1e} at the lowest degrees)"
+        return failed(scene, model, Outcome.NO_SCALE_SEPARATION, text)
+    outcome = Outcome.SINGULAR if status is NewtonStatus.SINGULAR else Outcome.NOT_CONVERGED
+    return failed(scene, model, outcome, f"{outcome.value} ({status.value})")

@@ -69,17 +69,12 @@ def report(
     folders = find_studies(studies or [DEFAULT_STUDIES])
     with _status(f"reporting {', '.join(folder.name for folder in folders)}"):
         published = publish_all(folders, out)
-    failed = [
-        f"{results.name}: {p.case} {p.solution.model}: {p.solution.outcome.name.lower()}: {p.solution.message}"
-        for results in published
-        for p in results.predictions
-        if not p.solution.outcome.ok
-    ]
-    for results in published:
-        print(out / results.name / "report.html")
-    for line in failed:
+    for study in published:
+        print(study.report)
+    failures = [line for study in published for line in study.failures]
+    for line in failures:
         print(line, file=sys.stderr)
-    return 1 if failed else 0
+    return 1 if failures else 0
 
 
 @app.command(epilog="Example: yarnval check data_samples --junit check.xml")
@@ -210,8 +205,9 @@ def tension(
     from pipeline.ingest.tension import read_tension
     from pipeline.measure.tension import measure_tension, tension_json
 
+    span = _window(window)
     raw = read_tension(log, load_layout(profile, Path()), channel=channel)
-    document = tension_json(measure_tension(raw, _window(window)))
+    document = tension_json(measure_tension(raw, span))
     if as_json:
         _print_json(document)
     else:

@@ -19,7 +19,11 @@ class InputError(YarnvalError):
     """
 
     def __init__(self, where: str | Path, found: str, right: str):
-        super().__init__(f"{where}: {found}; {right}")
+        super().__init__(where, found, right)  # as given, so that the error survives the way between processes
+
+    def __str__(self) -> str:
+        where, found, right = self.args
+        return f"{where}: {found}; {right}"
 
 
 def nearest(name: str, known: list[str]) -> str:

@@ -235,7 +235,8 @@ def validated(kind: type[Validated], given: dict[str, Any], file: Path) -> Valid
     try:
         return kind.model_validate(given)
     except ValidationError as error:
-        first = error.errors()[0]
+        # An unknown key is told first: it is often the misspelt form of one that is then missing.
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         path = [str(part) for part in first["loc"]]
         key = ".".join(path) or "the file"
         if first["type"] == "extra_forbidden":

@@ -3,6 +3,7 @@
 import platform
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,7 +29,15 @@ PACKAGES = (
 )
 
 
-def publish(study_folder: Path, out: Path) -> Results:
+@dataclass(frozen=True, slots=True)
+class Published:
+    """Where the report of a study is, and which solves failed in it, one line each."""
+
+    report: Path
+    failures: tuple[str, ...]
+
+
+def publish(study_folder: Path, out: Path) -> Published:
     """The whole pipeline for one study: `out`/<study name> holds the report, whole or not at all.
 
     Raises
@@ -37,11 +46,17 @@ def publish(study_folder: Path, out: Path) -> Results:
         If a study, case or raw file is wrong; then nothing is written.
     """
     results = evaluate(load_study(study_folder))
-    write_report(results, out / results.name)
-    return results
+    folder = out / results.name
+    write_report(results, folder)
+    failures = tuple(
+        f"{results.name}: {p.case} {p.solution.model}: {p.solution.outcome.name.lower()}: {p.solution.message}"
+        for p in results.predictions
+        if not p.solution.outcome.ok
+    )
+    return Published(folder / "report.html", failures)
 
 
-def publish_all(study_folders: Sequence[Path], out: Path, processes: int = 2) -> list[Results]:
+def publish_all(study_folders: Sequence[Path], out: Path, processes: int = 2) -> list[Published]:
     """`publish` for several studies, `processes` at a time, in the order given."""
     if len(study_folders) == 1:
         return [publish(study_folders[0], out)]

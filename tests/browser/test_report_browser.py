@@ -1,0 +1,106 @@
+"""The page in a real browser: nothing fetched, nothing broken, readable on a phone."""
+
+import html as html_escape
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+import report_study
+
+from pipeline.report.write import write_report
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium, chromium-browser or google-chrome is installed")
+
+# Appended to a copy of the page: the browser measures the page and writes what it found into the document.
+PROBE = """
+<script>
+addEventListener("load", () => {
+  const sizes = [...document.querySelectorAll("figure > svg")].map(s => s.getBoundingClientRect());
+  const texts = [...document.querySelectorAll("figure > svg text")].map(t => t.getBoundingClientRect().height);
+  const beyond = [...document.querySelectorAll("body *")].filter(e => !e.closest(".scroll") && !e.closest("svg")
+    && !e.classList.contains("skip") && e.getBoundingClientRect().right > innerWidth + 1)
+    .map(e => e.outerHTML.slice(0, 80));
+  const found = {
+    width: innerWidth,
+    page: document.documentElement.scrollWidth,
+    beyond: beyond,
+    figures: sizes.map(r => [Math.round(r.width), Math.round(r.height)]),
+    shots: [...document.querySelectorAll("svg image")].map(i => i.getBoundingClientRect().width),
+    images: [...document.images].map(i => i.naturalWidth),
+    smallest_text: Math.min(...texts),
+    scrolls: [...document.querySelectorAll(".scroll")].filter(s => s.scrollWidth > s.clientWidth).length,
+    fetched: performance.getEntriesByType("resource").map(r => r.name),
+    links: [...document.querySelectorAll("nav a")].filter(a => !document.querySelector(a.getAttribute("href"))).length,
+  };
+  parent.postMessage(JSON.stringify(found), "*");
+});
+</script>
+"""
+# An own frame sets the width: a window of the browser cannot be made as narrow as a phone.
+FRAME = """<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>frame</title></head>
+<body style="margin:0">
+<script>addEventListener("message", e => {{ document.body.dataset.found = e.data; }});</script>
+<iframe src="probe.html" style="width:{width}px;height:900px;border:0"></iframe></body></html>"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser") / "made-up"
+    write_report(report_study.study(), folder)
+    return folder
+
+
+def browse(page: Path, profile: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    assert CHROMIUM is not None
+    return subprocess.run(
+        [
+            CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            f"--user-data-dir={profile}", "--enable-logging=stderr", "--v=0", "--virtual-time-budget=5000",
+            *arguments, page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_stands_in_a_browser(report, tmp_path, width):
+    page = (report / "report.html").read_text(encoding="utf-8")
+    (tmp_path / "probe.html").write_text(page.replace("</body>", f"{PROBE}</body>"), encoding="utf-8")
+    (tmp_path / "frame.html").write_text(FRAME.format(width=width), encoding="utf-8")
+    done = browse(tmp_path / "frame.html", tmp_path / "profile", "--window-size=1400,1000", "--dump-dom")
+    assert "CONSOLE" not in done.stderr
+    match = re.search(r'data-found="([^"]*)"', done.stdout)
+    assert match, done.stderr
+    found = json.loads(html_escape.unescape(match[1]))
+    assert found["width"] == width
+    assert found["page"] <= width
+    assert found["beyond"] == []
+    assert len(found["figures"]) == 13
+    assert all(0.8 * min(width, 600) < w <= width and h > 100 for w, h in found["figures"])
+    assert len(found["shots"]) == 8
+    assert all(size > 40 for size in found["shots"])
+    assert all(size > 0 for size in found["images"])
+    assert found["smallest_text"] >= 8
+    assert found["fetched"] == []
+    assert found["links"] == 0
+    if width == 400:
+        assert found["scrolls"] >= 4  # the wide tables scroll inside their own containers
+
+
+def test_the_probe_notices_a_console_message_and_a_wide_page(tmp_path):
+    """The checks above can fail: a page that is broken on purpose shows up."""
+    bad = f'<body><div style="width:900px">x</div><script>console.error("broken")</script>{PROBE}</body>'
+    (tmp_path / "probe.html").write_text(bad, encoding="utf-8")
+    (tmp_path / "frame.html").write_text(FRAME.format(width=400), encoding="utf-8")
+    done = browse(tmp_path / "frame.html", tmp_path / "profile", "--window-size=1400,1000", "--dump-dom")
+    assert "CONSOLE" in done.stderr
+    match = re.search(r'data-found="([^"]*)"', done.stdout)
+    assert match
+    found = json.loads(html_escape.unescape(match[1]))
+    assert found["page"] > 400
+    assert found["beyond"]

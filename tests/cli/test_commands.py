@@ -1,0 +1,172 @@
+"""Every command as the contract says it: output, exit code, JSON."""
+
+import csv
+import io
+import json
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+import study_folders as studies
+
+DATA = Path(__file__).parents[2] / "data_samples"
+
+
+def test_predict_case_prints_one_row_per_model(yarnval):
+    ran = yarnval("predict", DATA / "yin2020/case1/case.toml", "--model", "flexible,cosserat")
+    assert ran.code == 0
+    assert ran.err == ""
+    rows = list(csv.DictReader(io.StringIO(ran.out)))
+    assert [(row["case"], row["model"]) for row in rows] == [("case1", "flexible"), ("case1", "cosserat")]
+    assert list(rows[0]) == [
+        "case", "model", "p3_AB_cN", "T_AB_tpm", "theta_B_deg", "theta_C_deg", "n1_per_s", "N_min_N_per_m", "outcome",
+        "message", "u_num_p3_AB_cN", "u_num_T_AB_tpm", "u_num_theta_B_deg", "iterations", "wall_s",
+    ]  # fmt: skip
+    assert float(rows[1]["p3_AB_cN"]) == pytest.approx(9.528, rel=1e-4)
+    assert float(rows[1]["theta_B_deg"]) + float(rows[1]["theta_C_deg"]) == pytest.approx(180)
+    # n₁ = (T_AB − k T_CD) η v
+    assert float(rows[1]["n1_per_s"]) == pytest.approx((float(rows[1]["T_AB_tpm"]) - 902) * 0.16)
+
+
+TABLE = """\
+case,phi_deg,r0_mm,d_mm,mu,T_CD_tpm,p3_CD_cN,K_Nm2,v_m_s,vb_over_v
+good,50,3,0.16,0.81,902,16.53,4.87e-9,0.16,2
+flat,0,3,0.16,0.81,902,16.53,4.87e-9,0.16,2
+word,50,3,thin,0.81,902,16.53,4.87e-9,0.16,2
+nan,50,3,0.16,nan,902,16.53,4.87e-9,0.16,2
+short,50,3,0.16
+slack,2,3,0.16,0.81,902,0.5,4.87e-9,0.16,2
+s-twist,50,3,0.16,0.81,-902,16.53,4.87e-9,0.16,-2
+"""
+
+
+def test_predict_table_keeps_failed_rows(yarnval, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text(TABLE)
+    out = tmp_path / "out.csv"
+    ran = yarnval("predict", table, "--model", "cosserat", "--out", out)
+    assert ran.code == 1
+    rows = {row["case"]: row for row in csv.DictReader(io.StringIO(out.read_text()))}
+    assert list(rows) == ["good", "flat", "word", "nan", "short", "slack", "s-twist"]
+    assert rows["good"]["outcome"] == rows["s-twist"]["outcome"] == "converged"
+    assert float(rows["s-twist"]["T_AB_tpm"]) == pytest.approx(-float(rows["good"]["T_AB_tpm"]), rel=1e-6)
+    for case, where in (("flat", "phi_deg = 0"), ("word", "'thin'"), ("nan", "mu"), ("short", "4 cells")):
+        assert rows[case]["outcome"] == "bad_input"
+        assert where in rows[case]["message"]
+        assert math.isnan(float(rows[case]["p3_AB_cN"]))
+    assert rows["slack"]["outcome"] != "converged"
+    assert rows["slack"]["message"]
+    assert len(ran.err.splitlines()) == 5
+    assert all(str(table) in line for line in ran.err.splitlines())
+
+
+def test_predict_json_is_one_document(yarnval, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text(TABLE)
+    ran = yarnval("predict", table, "--model", "flexible", "--json")
+    rows = json.loads(ran.out)
+    assert rows[1]["p3_AB_cN"] is None
+    assert rows[0]["model"] == "flexible"
+
+
+def test_tension_json(yarnval):
+    ran = yarnval("tension", DATA / "rig/case1/tension_1.txt", "--profile", "german-semicolon", "--json")
+    assert ran.code == 0
+    found = json.loads(ran.out)
+    assert found["mean_cN"] == pytest.approx(10.61, abs=0.01)
+    assert found["unit_in_file"] == "cN"
+    assert {"n", "rate_Hz", "cv_percent", "u_cN", "n_eff", "drift_cN_per_s", "flags", "gaps"} <= set(found)
+
+
+def test_tension_window(yarnval):
+    log = DATA / "rig/case1/tension_2.csv"
+    whole = json.loads(yarnval("tension", log, "--json").out)
+    part = json.loads(yarnval("tension", log, "--window", "5:10", "--json").out)
+    assert part["n"] == pytest.approx(whole["n"] / 6, abs=2)
+
+
+def test_measure_json(yarnval, tmp_path):
+    clip = studies.raw(tmp_path / "study", frames=4) / "only/clip.mkv"
+    call = ("measure", clip, "--scale-um-per-px", 5, "--fps", 1200)
+    found = json.loads(yarnval(*call, "--axis-deg", 90, "--json").out)
+    assert found["frames"] == len(found["time_s"]) == len(found["twist_tpm"]) == 4
+    assert found["handedness"] == "Z"
+    assert found["summary"]["diameter_mm"]["mean"] == pytest.approx(0.16, rel=0.02)
+    assert "theta_B_deg" in found["summary"]
+    without_axis = json.loads(yarnval(*call, "--json").out)
+    assert "theta_B_deg" not in without_axis["summary"]
+
+
+def test_check_passes_and_writes_junit(yarnval, tmp_path):
+    study = studies.published(tmp_path / "study")
+    ran = yarnval("check", study, "--junit", tmp_path / "junit.xml")
+    assert ran.code == 0, ran.err
+    assert "3 of 3 bounds hold" in ran.out
+    suite = ET.parse(tmp_path / "junit.xml").getroot().find("testsuite")
+    assert suite is not None
+    assert suite.attrib == {"name": "small", "tests": "3", "failures": "0"}
+
+
+def test_check_names_what_exceeds_a_tightened_bound(yarnval, tmp_path):
+    study = studies.published(tmp_path / "study")
+    studies.edit(study / "study.toml", "p3_AB_cN = 15", "p3_AB_cN = 1")
+    ran = yarnval("check", study, "--junit", tmp_path / "junit.xml")
+    assert ran.code == 1
+    assert ran.line == "small: only p3_AB_cN cosserat: error 10.20 % EXCEEDS bound 1 %"
+    failure = ET.parse(tmp_path / "junit.xml").getroot().find("testsuite/testcase/failure")
+    assert failure is not None
+    assert "10.20 %" in failure.attrib["message"]
+
+
+def test_check_fails_where_the_error_is_missing(yarnval, tmp_path):
+    study = studies.published(tmp_path / "study")
+    studies.edit(study / "only/case.toml", "theta_B_deg = { mean = 77.9 }", "")
+    ran = yarnval("check", study)
+    assert ran.code == 1
+    assert "theta_B_deg" in ran.line
+    assert "not measured" in ran.line
+
+
+def test_check_json(yarnval, tmp_path):
+    ran = yarnval("check", studies.published(tmp_path / "study"), "--json")
+    document = json.loads(ran.out)
+    assert document["passed"] is True
+    assert {row["quantity"] for row in document["studies"]["small"]} == {"p3_AB_cN", "T_AB_tpm", "theta_B_deg"}
+
+
+def test_report_then_check_reads_it(yarnval, tmp_path):
+    study = studies.raw(tmp_path / "study", models=("flexible", "cosserat"))
+    studies.edit(study / "study.toml", "T_AB_tpm = 15", "T_AB_tpm = 0.001")
+    ran = yarnval("report", study, "--out", tmp_path / "reports")
+    assert ran.code == 0, ran.err
+    folder = tmp_path / "reports/small"
+    assert ran.out.strip() == str(folder / "report.html")
+    inputs = json.loads((folder / "provenance.json").read_text())["inputs_sha256"]
+    assert {"study.toml", "only/case.toml", "only/log.txt", "only/clip.mkv"} <= set(inputs)
+    read = yarnval("check", folder)
+    assert read.code == 1
+    anew = yarnval("check", study)
+    assert read.line == anew.line
+    assert "T_AB_tpm" in read.line
+
+
+def test_report_keeps_a_case_that_fails(yarnval, tmp_path):
+    study = studies.published(tmp_path / "study", models=("flexible", "cosserat"))
+    studies.edit(study / "only/case.toml", "value = 16.53", "value = 0.5")
+    studies.edit(study / "only/case.toml", "phi_deg = 50", "phi_deg = 2")
+    ran = yarnval("report", study, "--out", tmp_path / "reports")
+    assert ran.code == 1
+    assert "only cosserat: " in ran.line
+    rows = json.loads((tmp_path / "reports/small/errors.json").read_text())["rows"]
+    failed = [row for row in rows if row["model"] == "cosserat"]
+    assert len(failed) == 3
+    assert all(row["S"] is None and row["outcome"] != "converged" and row["message"] for row in failed)
+    assert yarnval("check", study).code == 1
+
+
+@pytest.mark.parametrize("command", ["report", "check", "predict", "measure", "tension"])
+def test_help_has_an_example(yarnval, command):
+    ran = yarnval(command, "--help")
+    assert ran.code == 0
+    assert f"yarnval {command} data_samples" in " ".join(ran.out.split())
