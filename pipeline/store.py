@@ -84,7 +84,7 @@ def to_tree(results: Results) -> xr.DataTree:
 
 def write_tree(tree: xr.DataTree, path: Path) -> None:
     """Write the tree as NetCDF 4."""
-    tree.to_netcdf(path, engine="h5netcdf")
+    tree.to_netcdf(path, engine="netcdf4")
 
 
 def read_tree(path: str | Path) -> xr.DataTree:
@@ -98,7 +98,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
     if not Path(path).is_file():
         raise InputError(path, "no such file", "results.nc of a report folder is expected; `yarnval report` makes one")
     try:
-        with xr.open_datatree(path, engine="h5netcdf", decode_times=False) as lazy:
+        with xr.open_datatree(path, engine="netcdf4", decode_times=False) as lazy:
             tree = lazy.load()
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise InputError(path, "truncated or not a NetCDF 4 file", "make it again with `yarnval report`") from error

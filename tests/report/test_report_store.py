@@ -108,6 +108,6 @@ def test_a_truncated_file_is_said_in_one_line(tree, tmp_path, kept):
 
 
 def test_a_foreign_file_is_refused(tmp_path):
-    xr.Dataset({"x": ("t", [1.0, 2.0])}).to_netcdf(tmp_path / "other.nc", engine="h5netcdf")
+    xr.Dataset({"x": ("t", [1.0, 2.0])}).to_netcdf(tmp_path / "other.nc", engine="netcdf4")
     with pytest.raises(InputError, match="format None; 'yarnval results 1'"):
         store.read_tree(tmp_path / "other.nc")
