@@ -175,7 +175,7 @@ def _bits(path: Path, frames: Frames, known: int | None, given: int | None, meta
         known = known or 8
     last = len(frames) - 1
     peak, low = 0, 0
-    for index in [first] if known else sorted({first, last // 4, last // 2, 3 * last // 4, last}):
+    for index in [first] if known or given else sorted({first, last // 4, last // 2, 3 * last // 4, last}):
         with contextlib.suppress(InputError):
             image = frames.frame(index)
             peak, low = max(peak, int(image.max())), low | int(np.bitwise_or.reduce(image, axis=None))

@@ -73,6 +73,8 @@ def measure_yarn(
     centre = np.full((n, 2), np.nan)
     confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
     reasons: Counter[str] = Counter()
+    shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
+    images: dict[int, NDArray[np.uint8]] = {}
     for i in range(n):
         try:
             frame = video.frames.frame(i)
@@ -83,6 +85,8 @@ def measure_yarn(
         if axis is None:
             flag[i] = FrameFlag.NO_YARN
             continue
+        if i in shots:
+            images[i] = _reduced(frame)
         found = surface_twist(axis)
         centre[i], angle[i], diameter[i], twist[i] = axis.centre, axis.angle, axis.diameter, found.per_pixel
         confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.coherence) * (not found.reason))
@@ -115,7 +119,10 @@ def measure_yarn(
         summary=summary,
         handedness="" if math.isnan(mean_twist) else "Z" if mean_twist > 0 else "S",
         reason=_reason(video, scale, flag, reasons),
-        thumbnails=_thumbnails(video, centre, angle, diameter / scale.metres_per_pixel, twist),
+        thumbnails=tuple(
+            _thumbnail(i, image, video.shape, centre[i], angle[i], diameter[i] / scale.metres_per_pixel, twist[i])
+            for i, image in images.items()
+        ),
     )
 
 
@@ -227,21 +234,18 @@ def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Co
     return "; ".join(parts)
 
 
-def _thumbnails(video: RawVideo, centre: Array, angle: Array, diameter: Array, twist: Array) -> tuple[Thumbnail, ...]:
-    """Reduce a few evenly spaced measured frames to 8 bits; `diameter` in pixels."""
-    measured = np.flatnonzero(np.isfinite(angle))
-    if not measured.size:
-        return ()
-    chosen = np.unique(measured[np.linspace(0, measured.size - 1, THUMBNAILS).round().astype(int)])
-    thumbnails = []
-    for i in chosen:
-        frame = video.frames.frame(int(i))
-        shrink = min(1.0, THUMBNAIL_WIDTH / frame.shape[1])
-        image = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.float32)
-        dark, bright = np.percentile(image, (0.5, 99.8))
-        image = np.clip((image - dark) * (255 / max(bright - dark, 1.0)), 0, 255).astype(np.uint8)
-        x, y = ((float(value) + 0.5) * shrink - 0.5 for value in centre[i])
-        thumbnails.append(
-            Thumbnail(int(i), image, (x, y), float(angle[i]), float(diameter[i]) * shrink, float(twist[i]))
-        )
-    return tuple(thumbnails)
+def _reduced(frame: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Reduce a frame to at most THUMBNAIL_WIDTH columns and 8 bits, stretched to its range."""
+    shrink = min(1.0, THUMBNAIL_WIDTH / frame.shape[1])
+    image = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.float32)
+    dark, bright = np.percentile(image, (0.5, 99.8))
+    return np.clip((image - dark) * (255 / max(bright - dark, 1.0)), 0, 255).astype(np.uint8)
+
+
+def _thumbnail(
+    i: int, image: NDArray[np.uint8], shape: tuple[int, int], centre: Array, angle: float, diameter: float, twist: float
+) -> Thumbnail:
+    """A reduced frame of a clip with frames of `shape`, with what was measured in it; `diameter` in pixels."""
+    shrink = image.shape[1] / shape[1]
+    x, y = ((float(value) + 0.5) * shrink - 0.5 for value in centre)
+    return Thumbnail(i, image, (x, y), float(angle), float(diameter) * shrink, float(twist))

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 
 from pipeline.records import Array, Quantity
 from pipeline.report import tables
@@ -113,6 +113,8 @@ def profiles(tree: xr.DataTree, case: str) -> Figure:
     )
     solved = _solved(tree, case)
     caption = f"{case}: from B, where the contact starts (ψ = 0), to C, where it ends, by {', '.join(solved)}."
+    if "flexible" in solved:
+        caption += " The flexible model has no bending: its line is the moment that its path would take."
     figure = _figure(tree, caption, height=6.6)
     grid = figure.subplots(3, 2).ravel()
     for axes, (name, label, scale) in zip(grid, panels, strict=False):
@@ -178,6 +180,8 @@ def error_against_speed(tree: xr.DataTree) -> Figure:
     for row in table.to_dict(orient="records"):
         axes.plot(row["wall_ms"], row["rms_E_percent"], shapes[row["quantity"]], color=_look(row["model"])[0])
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.minorticks_off()
     axes.set_ylim(bottom=0)
     axes.set_xlabel("median time of one solve (ms)")

@@ -91,7 +91,7 @@ def build(tree: xr.DataTree) -> NotebookNode:
     names = _file_names(tables.cases(tree))
     for case, name in names.items():
         if any("theta" in node for node in tree[f"profiles/{case}"].children.values()):
-            heading(3, f"contact-{name}", f"Case {case}", "")
+            heading(3, f"contact-{name}", case, "")
             call(f'figures.show(figures.profiles(tree, {case!r}), "profiles_{name}")')
             call(f'figures.show(figures.path(tree, {case!r}), "path_{name}")')
     heading(
@@ -124,7 +124,7 @@ def _raw(
     if not parts:
         return
     heading(
-        3, f"measured-{name}", f"Recordings of case {case}",
+        3, f"measured-{name}", f"Recordings of {case}",
         "The logs and clips as recorded. Nothing is altered: what is doubtful is marked and left out of the means.",
     )  # fmt: skip
     for part in parts:

@@ -95,6 +95,25 @@ def test_statements_say_what_the_tree_says(tree):
     assert f"No solution: cosserat in raw-1: not converged. {report_study.FAILURE}" in said
 
 
+def test_bending_statement_draws_its_conclusion_from_the_numbers(results):
+    def said(factor: float) -> str:
+        rows = [replace(c, S=c.S * factor) if c.model == "kirchhoff" else c for c in results.comparisons]
+        return "\n".join(tables.statements(store.to_tree(replace(results, comparisons=tuple(rows)))))
+
+    assert "(cosserat) differ by up to 13.6\u00a0%" in said(1.0)
+    assert "(kirchhoff) by up to 1.0\u00a0%. What the printed model adds" in said(1.0)
+    assert "What the printed model adds" not in said(0.9)
+
+
+def test_statements_name_an_exception_to_a_bound(results):
+    rows = list(results.comparisons)
+    i = next(i for i, c in enumerate(rows) if c.bounded and c.within)
+    rows[i] = replace(rows[i], bound_reason="the source says so")
+    said = tables.statements(store.to_tree(replace(results, comparisons=tuple(rows))))
+    assert f"An exception is made for {rows[i].model}" in said[0]
+    assert "the source says so" in said[0]
+
+
 def test_statements_follow_the_numbers(results):
     # The same study with the two models' tensions exchanged and no uncertainty says the opposite.
     swap = {"flexible": "cosserat", "cosserat": "flexible"}
