@@ -95,7 +95,7 @@ def difference_rows(exact: float) -> Iterator[Row]:
 
 
 def solve_bvp_rows(d: Dimensionless) -> Iterator[Row]:
-    """scipy's adaptive fourth-order collocation on the flexible yarn, in θ, p₃/p₃CD, τ with w as its parameter."""
+    """Adaptive fourth-order collocation by scipy on the flexible yarn, in θ, p₃/p₃CD, τ with w as its parameter."""
     exact = solve_flexible(SCENE).require().ends.tension_AB
 
     def slope(_: np.ndarray, y: np.ndarray, p: np.ndarray) -> np.ndarray:
