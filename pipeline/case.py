@@ -118,6 +118,9 @@ def load_study(path: Path) -> Study:
     """
     file = path / "study.toml"
     keys = validated(StudyKeys, read_toml(file), file)
+    for what, given in (("case", keys.cases), ("model", keys.models)):
+        for twice in (name for name in given if given.count(name) > 1):
+            raise InputError(file, f"the {what} '{twice}' is named twice", "name it once")
     for model in [*keys.models, *keys.bounds, *(e.model for e in keys.exceptions)]:
         _known(file, "model", model, list(MODELS))
     for name in [*keys.fitted.cases, *(e.case for e in keys.exceptions)]:

@@ -178,6 +178,8 @@ def measure(
         )
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise InputError("--fps", f"found {fps}", "give the recording rate in frames per second, greater than 0")
+    if axis_deg is not None and not math.isfinite(axis_deg):
+        raise InputError("--axis-deg", f"found {axis_deg}", "give the cylinder axis in degrees as displayed")
     if method != "surface":
         raise InputError("--method", f"unknown method '{method}'", nearest(method, ["surface"]))
     axis = math.radians(axis_deg) if axis_deg is not None else None

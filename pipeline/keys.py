@@ -43,7 +43,11 @@ class Uncertain(Keys):
 
 
 def _number_or_table(given: Any) -> Any:
-    return {"value": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+    if isinstance(given, int | float) and not isinstance(given, bool):
+        return {"value": given}
+    if not isinstance(given, dict | Uncertain):
+        raise ValueError("give a number, {value, cv_percent} or {value, u}")
+    return given
 
 
 Number = Annotated[Uncertain, BeforeValidator(_number_or_table)]
@@ -191,15 +195,19 @@ class FittedKeys(Keys):
     cases: list[str] = []
 
 
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+"""A study's or a case's name is also a folder's."""
+
+
 class StudyKeys(Keys):
     """study.toml."""
 
-    name: str
+    name: Name
     title: str
     source: str
     synthetic: bool
     notes: list[str] = []
-    cases: Annotated[list[str], Field(min_length=1)]
+    cases: Annotated[list[Name], Field(min_length=1)]
     models: Annotated[list[str], Field(min_length=1)] = ["flexible", "cosserat", "cosserat-fd", "kirchhoff"]
     bounds: dict[str, dict[str, Annotated[float, Field(gt=0)]]] = {
         "cosserat": {quantity.value: 10.0 for quantity in Quantity}

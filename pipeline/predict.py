@@ -128,6 +128,8 @@ def read_table(file: Path) -> tuple[TableScene, ...]:
     if not lines:
         raise InputError(file, "the file is empty", "a header row and one row per scene are needed")
     header = [name.strip() for name in lines[0]]
+    if len(header) == 1 and ";" in header[0]:
+        raise InputError(f"{file}: line 1", "semicolons between the columns", "save the table with commas and points")
     known = ["case", *SceneKeys.model_fields]
     for name in header:
         if name not in known:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pipeline.case import Case, Study, load_study
 from pipeline.compare import compare
+from pipeline.errors import InputError
 from pipeline.ingest.raw import read_raw
 from pipeline.ingest.source import source
 from pipeline.measure.case import measure_case
@@ -57,7 +58,19 @@ def publish(study_folder: Path, out: Path) -> Published:
 
 
 def publish_all(study_folders: Sequence[Path], out: Path, processes: int = 2) -> list[Published]:
-    """`publish` for several studies, `processes` at a time, in the order given."""
+    """`publish` for several studies, `processes` at a time, in the order given.
+
+    Raises
+    ------
+    pipeline.errors.InputError
+        As `publish`; also if two studies have one name, before anything is written.
+    """
+    places: dict[str, Path] = {}
+    for folder in study_folders:
+        name = load_study(folder).name
+        if name in places:
+            raise InputError(folder / "study.toml", f"name '{name}' is also that of {places[name]}", "give it another")
+        places[name] = folder
     if len(study_folders) == 1:
         return [publish(study_folders[0], out)]
     with ProcessPoolExecutor(processes) as pool:
@@ -66,7 +79,7 @@ def publish_all(study_folders: Sequence[Path], out: Path, processes: int = 2) ->
 
 def evaluate(study: Study) -> Results:
     """Ingest, measure, predict and compare, without a report."""
-    measured = tuple(_measure(case) for case in study.cases)
+    measured = tuple(measure(case) for case in study.cases)
     predictions = tuple(prediction for case in study.cases for prediction in predict(case, study.models))
     return Results(
         name=study.name,
@@ -83,8 +96,8 @@ def evaluate(study: Study) -> Results:
     )
 
 
-def _measure(case: Case) -> Measured:
-    """A published summary as it is; raw files ingested and measured."""
+def measure(case: Case) -> Measured:
+    """Ingest and measure a case; a published summary is taken as it is."""
     if case.measured is not None:
         return case.measured
     if case.raw is None:

@@ -101,6 +101,46 @@ def test_both_summary_and_files(yarnval, study):
     refused(yarnval, study, "case.toml", "not both")
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new", "words"),
+    [
+        ("study.toml", 'name = "small"', 'name = "../small"', ["'name'", "'../small'"]),
+        ("study.toml", "p3_AB_cN = 15", "p3_AB_cN = -1", ["bounds.cosserat.p3_AB_cN", "greater than 0"]),
+        ("study.toml", "p3_AB_cN = 15", "p3_AB_N = 15", ["p3_AB_N", "did you mean 'p3_AB_cN'?"]),
+        ("study.toml", '["only"]', '["only", "only"]', ["'only' is named twice"]),
+        ("study.toml", '["only"]', '["only", "other"]', ["other/case.toml", "no such file"]),
+        ("only/case.toml", "mu = 0.81", 'mu = "rough"', ["'mu' is 'rough'", "give a number"]),
+        ("only/case.toml", "mu = 0.81", "mu = { value = 0.8, u = 0.1, cv_percent = 3 }", ["'mu'", "give one"]),
+        ("only/case.toml", "mu = 0.81", "mu = { valu = 0.8 }", ["'mu.valu'", "did you mean 'value'?"]),
+        ("only/case.toml", "value = 5.0", "value = -5.0", ["scale_um_per_px", "greater than 0"]),
+        ("only/case.toml", "axis_deg = 90", "", ["axis_deg", "direction of the cylinder axis"]),
+    ],
+)
+def test_wrong_keys(yarnval, study, file, old, new, words):
+    studies.edit(study / file, old, new)
+    refused(yarnval, study, Path(file).name, *words)
+
+
+def test_two_studies_of_one_name(yarnval, study):
+    other = studies.published(study.parent / "other")
+    out = study.parent / "reports"
+    ran = yarnval("report", study, other, "--out", out)
+    assert ran.code == 2
+    assert "name 'small' is also that of" in ran.line
+    assert not out.exists()
+
+
+def test_a_folder_with_other_files_is_not_replaced(yarnval, tmp_path):
+    study = studies.published(tmp_path / "study")
+    mine = tmp_path / "reports/small/mine.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("keep me")
+    ran = yarnval("report", study, "--out", tmp_path / "reports")
+    assert ran.code == 2
+    assert "mine.txt" in ran.line
+    assert mine.read_text() == "keep me"
+
+
 def test_no_study(yarnval, tmp_path):
     refused(yarnval, tmp_path / "nowhere", "nowhere", "no such folder")
     (tmp_path / "empty").mkdir()
@@ -157,6 +197,8 @@ def test_8_bit_clip_is_flagged(yarnval, study, tmp_path):
         (["measure", "nothing.mkv", "--fps", "x", "--scale-um-per-px", "5"], ["--fps"]),
         (["measure", "nothing.mkv", "--fps", "-1", "--scale-um-per-px", "5"], ["--fps", "greater than 0"]),
         (["measure", "nothing.mkv", "--fps", "9", "--scale-um-per-px", "5", "--method", "x"], ["method", "surface"]),
+        (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--axis-deg", "inf"], ["--axis-deg"]),
+        (["check", ".", "--junit", "nowhere/junit.xml"], ["no study.toml"]),
         (["tension", "nothing.csv"], ["nothing.csv"]),
         (["tension", "nothing.csv", "--profile", "plain-cvs"], ["plain-cvs", "plain-csv"]),
         (["tension", "nothing.csv", "--window", "a:b"], ["a:b", "A:B"]),

@@ -4,10 +4,12 @@ import hashlib
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from pipeline.case import load_study
 from pipeline.records import Quantity
+from pipeline.run import measure
 
 DATA = Path(__file__).parents[2] / "data_samples"
 
@@ -57,3 +59,29 @@ def test_synthetic_study_says_so():
     assert not paper.synthetic
     assert not rig.fitted
     assert not paper.fitted
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return {case.name: (case, measure(case)) for case in load_study(DATA / "rig").cases}
+
+
+TRUTH = pd.read_csv(DATA.parent / "tests/truth/rig.csv").groupby("case")
+TENSION = {"case1": 10.61, "case2": 10.03, "case3": 14.07}
+
+
+@pytest.mark.parametrize("name", TENSION)
+def test_rig_is_measured_to_its_truth(rig, name):
+    case, measured = rig[name]
+    truth = TRUTH.get_group(name)
+    found = {q: measured.values[q].mean * q.per_si for q in Quantity}
+    assert found[Quantity.THETA_B] == pytest.approx(truth["theta_B_deg"].mean(), abs=0.1)
+    assert found[Quantity.TWIST_AB] == pytest.approx(truth["twist_tpm"].mean(), rel=0.02)
+    assert measured.diameter.mean * 1e3 == pytest.approx(truth["diameter_mm"].mean(), rel=0.02)
+    tension = measured.values[Quantity.TENSION_AB]
+    assert abs(tension.mean * 100 - TENSION[name]) < tension.u * 100
+    # the record was made to show its mean exactly, so what is left is the meter's step (0.1 cN) and rounding
+    assert found[Quantity.TENSION_AB] == pytest.approx(TENSION[name], abs=0.003)
+    assert all(clip.handedness == "Z" for clip in measured.yarn)
+    assert not any(clip.flag.any() for clip in measured.yarn)
+    assert case.scene.twist_CD > 0
