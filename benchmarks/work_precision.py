@@ -22,14 +22,17 @@ import numpy as np
 from scipy.integrate import solve_bvp
 from threadpoolctl import threadpool_limits
 
-from models.boundary_value import Problem, solve
-from models.cosserat import CosseratProblem, solve_cosserat
+from models.boundary_value import solve
+from models.cosserat import ROD as COSSERAT
+from models.cosserat import solve_cosserat
 from models.cosserat_fd import solve_cosserat_fd
 from models.discretisation import chebyshev_collocation
-from models.flexible import FlexibleProblem, solve_flexible
-from models.kirchhoff import KirchhoffProblem, solve_kirchhoff
+from models.flexible import ORDERS as FLEXIBLE_ORDERS
+from models.flexible import Flexible, solve_fields, solve_flexible, start_values
+from models.kirchhoff import ROD as KIRCHHOFF
+from models.kirchhoff import solve_kirchhoff
 from models.scene import Dimensionless, Scene
-from models.solution import start_values
+from models.slow_manifold import ORDERS, Rod
 
 SCENE = Scene(
     wrap_angle=math.radians(60),
@@ -68,23 +71,24 @@ def flexible_rows(d: Dimensionless) -> Iterator[Row]:
         start[2] = 2 * math.pi
 
         def work(grid=grid, start=start) -> float:
-            return d.tension_CD * math.exp(solve(FlexibleProblem(d), grid, start, 0.0).fields[1, 0])
+            return d.tension_CD * math.exp(solve(Flexible(d.vector), FLEXIBLE_ORDERS, grid, start, 0.0).fields[1, 0])
 
         tension, seconds = timed(work)
         yield "flexible", f"degree {degree}", abs(tension / exact - 1), seconds
 
 
-def rod_rows(name: str, problem: Problem, exact: float, d: Dimensionless) -> Iterator[Row]:
+def rod_rows(rod: Rod, exact: float, d: Dimensionless) -> Iterator[Row]:
     """Collocation of fixed degree from the flexible yarn; its solve counts."""
     for degree in (4, 6, 8, 10, 12, 14):
         grid = chebyshev_collocation(degree, d.wrap_angle)
 
-        def work(grid=grid) -> float:
-            start, w = start_values(solve_flexible(SCENE), grid.nodes)
-            return d.tension_CD * solve(problem, grid, start, w).fields[1, 0]
+        def work(grid=grid, degree=degree) -> float:
+            flexible = solve_fields(d)[0]
+            start = start_values(d, flexible, degree)
+            return d.tension_CD * solve(rod.problem(d.vector), ORDERS, grid, start, flexible.w).fields[1, 0]
 
         tension, seconds = timed(work)
-        yield name, f"degree {degree}", abs(tension / exact - 1), seconds
+        yield rod.name, f"degree {degree}", abs(tension / exact - 1), seconds
 
 
 def difference_rows(exact: float) -> Iterator[Row]:
@@ -132,8 +136,8 @@ def main(folder: Path) -> None:
         kirchhoff = solve_kirchhoff(SCENE).require().ends.tension_AB
         rows = [
             *flexible_rows(d),
-            *rod_rows("cosserat", CosseratProblem(d), cosserat, d),
-            *rod_rows("kirchhoff", KirchhoffProblem(d), kirchhoff, d),
+            *rod_rows(COSSERAT, cosserat, d),
+            *rod_rows(KIRCHHOFF, kirchhoff, d),
             *difference_rows(cosserat),
             *solve_bvp_rows(d),
         ]

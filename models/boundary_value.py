@@ -1,68 +1,148 @@
 """Two-point boundary-value problems given pointwise, assembled for Newton with an exact Jacobian. Knows no yarn.
 
-A problem states, at one point, how its equations depend on the fields and their derivatives, and how its boundary
-conditions depend on the end values. The Jacobian is exact: each pointwise argument is differentiated by a complex
-step (Squire and Trapp, SIAM Review 40 (1998) 110), all arguments in one vectorised call, and chained with the
-discretisation's matrices.
+A problem has m fields on an interval and one unknown constant w. It states, at one point, how its m equations depend
+on the fields, their derivatives and w, and how its m + 1 boundary conditions depend on the end values and w. The
+Jacobian is exact: each pointwise argument is differentiated by a complex step (Squire and Trapp, SIAM Review 40
+(1998) 110), so the two functions must be analytic (no abs, no atan2, no comparisons), and chained with the
+discretisation's matrices. A problem is a NamedTuple of numbers; a model registers its functions for its own type of it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.compiled import compiled, implement
 from models.discretisation import Discretisation
-from models.newton import NewtonResult, newton
+from models.newton import NewtonStatus, evaluate, newton
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
-"""Real or complex: pointwise functions must be analytic, so no abs, no atan2, no comparisons."""
+"""Real, or complex where a derivative is taken."""
 
-COMPLEX_STEP = 1e-200
+COMPLEX_STEP = 1e-40
 
 
-class Problem(Protocol):
-    """m fields on an interval and one unknown constant w."""
+def equations(problem: Any, f: Values, w: Any, out: Values) -> None:
+    """Fill the m residuals at one point. f holds field 0 with its derivatives, then field 1, …
 
-    @property
-    def orders(self) -> tuple[int, ...]:
-        """Highest derivative of each field that the equations use."""
-        ...
+    Compiled code picks the function that `register` gave for the problem's type.
+    """
+    raise NotImplementedError(f"no equations for {type(problem).__name__}")
 
-    def equations(self, fields: Sequence[Sequence[Values]], w: Values) -> Sequence[Values]:
-        """Return the m residuals at the points.
 
-        fields[i][k] is the k-th derivative of field i; all arrays broadcast against each other.
-        """
-        ...
+def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> None:
+    """Fill the m + 1 residuals of the boundary conditions from the fields' end values; see `equations`."""
+    raise NotImplementedError(f"no boundary conditions for {type(problem).__name__}")
 
-    def boundary(self, left: Sequence[Values], right: Sequence[Values], w: Values) -> Sequence[Values]:
-        """Return the m + 1 residuals of the boundary conditions from the fields' end values."""
-        ...
+
+def register(kind: type[Any], own_equations: Callable[..., None], own_boundary: Callable[..., None]) -> None:
+    """Give a problem type (a NamedTuple of arrays and numbers) its equations and boundary conditions to compile.
+
+    The functions take the same arguments by the same names as `equations` and `boundary`.
+    """
+    implement(equations, kind, own_equations)
+    implement(boundary, kind, own_boundary)
+
+
+class Collocated(NamedTuple):
+    """A problem on a discretisation, as `newton` solves it."""
+
+    problem: Any
+    orders: NDArray[np.int64]
+    """Highest derivative of each field that the equations use, shape (m,)."""
+    derivatives: Array
+    """The discretisation's matrices, shape (4, n, n + 1)."""
+
+
+def assemble(problem: Collocated, x: Array, value: Array, jacobian: Array) -> None:
+    """Fill residual, shape (m n + m + 1,), and Jacobian; x holds the nodal values of field 0, of field 1, …, then w."""
+    pointwise, orders, derivatives = problem.problem, problem.orders, problem.derivatives
+    m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
+    count = m + np.sum(orders)
+    step = 1j * COMPLEX_STEP
+    jacobian[:] = 0.0
+    f, out = np.empty(count, np.complex128), np.empty(m, np.complex128)
+    field, order = np.empty(count, np.int64), np.empty(count, np.int64)
+    a = 0
+    for i in range(m):
+        for k in range(orders[i] + 1):
+            field[a], order[a] = i, k
+            a += 1
+    for j in range(n):
+        for a in range(count):
+            total = 0.0
+            for node in range(size):
+                total += derivatives[order[a], j, node] * x[field[a] * size + node]
+            f[a] = total
+        for a in range(count + 1):  # one direction per pointwise argument, and the last for w
+            w = x[-1] + 0j
+            if a < count:
+                f[a] += step
+            else:
+                w += step
+            equations(pointwise, f, w, out)
+            for e in range(m):
+                slope, row = out[e].imag / COMPLEX_STEP, e * n + j
+                if a == count:
+                    value[row] = out[e].real
+                    jacobian[row, -1] = slope
+                elif slope != 0.0:
+                    for node in range(size):
+                        jacobian[row, field[a] * size + node] += slope * derivatives[order[a], j, node]
+            if a < count:
+                f[a] = f[a].real
+    ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
+    for a in range(2 * m + 1):
+        for i in range(m):
+            ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
+        ends[2 * m] = x[-1]
+        ends[a] += step
+        boundary(pointwise, ends[:m], ends[m : 2 * m], ends[2 * m], conditions)
+        column = a * size if a < m else ((a - m + 1) * size - 1 if a < 2 * m else m * size)
+        for e in range(m + 1):
+            value[m * n + e] = conditions[e].real
+            jacobian[m * n + e, column] = conditions[e].imag / COMPLEX_STEP
+
+
+implement(evaluate, Collocated, assemble)
+
+
+@compiled
+def solve_compiled(
+    collocated: Collocated, x: Array, tolerances: tuple[float, float], max_iterations: int
+) -> tuple[int, int, float, float, Array, Array]:
+    """Newton's method on a collocated problem; compiled once for each problem type."""
+    return newton(collocated, x, tolerances[0], tolerances[1], max_iterations)
 
 
 @dataclass(frozen=True, slots=True)
 class BoundaryValueResult:
-    """Nodal fields, shape (m, n + 1), the constant w, and the Newton evidence."""
+    """Nodal fields, shape (m, n + 1), the constant w, and the evidence: maximum norms of residuals and correction."""
 
     fields: Array
     w: float
-    newton: NewtonResult
+    status: NewtonStatus
+    iterations: int
+    step: float
     residual: float
     """Largest residual of the equations."""
     boundary_residual: float
     """Largest residual of the boundary conditions."""
+    jacobian: Array
+    """At the last iterate, for conditioning and sensitivities."""
 
     @property
     def condition(self) -> float:
-        """Condition number of the last Jacobian in the 1-norm; infinite where it is singular."""
-        return float(np.linalg.cond(self.newton.jacobian, 1))
+        """Condition number of the Jacobian in the 1-norm; infinite where it is singular."""
+        return float(np.linalg.cond(self.jacobian, 1))
 
 
 def solve(
-    problem: Problem,
+    problem: Any,
+    orders: NDArray[np.int64],
     discretisation: Discretisation,
     fields: Array,
     w: float,
@@ -72,67 +152,20 @@ def solve(
     max_iterations: int = 40,
 ) -> BoundaryValueResult:
     """Solve from nodal start values `fields`, shape (m, n + 1), and `w`, all equations in one Newton system."""
-    m, size = fields.shape
-
-    def function(x: Array) -> tuple[Array, Array]:
-        return assemble(problem, discretisation, x[:-1].reshape(m, size), float(x[-1]))
-
-    result = newton(
-        function,
-        np.append(fields.ravel(), w),
-        step_tolerance=step_tolerance,
-        residual_tolerance=residual_tolerance,
-        max_iterations=max_iterations,
+    x = np.append(fields, w)
+    collocated = Collocated(problem, orders, discretisation.derivatives)
+    status, iterations, _, step, value, jacobian = solve_compiled(
+        collocated, x, (step_tolerance, residual_tolerance), max_iterations
     )
+    m, size = fields.shape
     rows = m * (size - 1)
     return BoundaryValueResult(
-        fields=result.x[:-1].reshape(m, size),
-        w=float(result.x[-1]),
-        newton=result,
-        residual=float(np.max(np.abs(result.value[:rows]))),
-        boundary_residual=float(np.max(np.abs(result.value[rows:]))),
+        fields=x[:-1].reshape(m, size),
+        w=float(x[-1]),
+        status=NewtonStatus(status),
+        iterations=iterations,
+        step=step,
+        residual=float(np.max(np.abs(value[:rows]))),
+        boundary_residual=float(np.max(np.abs(value[rows:]))),
+        jacobian=jacobian,
     )
-
-
-def assemble(problem: Problem, discretisation: Discretisation, fields: Array, w: float) -> tuple[Array, Array]:
-    """Residual, shape (m n + m + 1,), and Jacobian of the discrete problem. Unknowns: fields row by row, then w."""
-    m, size = fields.shape
-    n = size - 1
-    matrices = [discretisation.derivatives[: order + 1] for order in problem.orders]
-    values = np.concatenate([matrix @ field for matrix, field in zip(matrices, fields, strict=True)])
-
-    # Row d of every argument is perturbed in direction d: one direction per pointwise argument, and one for w.
-    count = sum(order + 1 for order in problem.orders)
-    directions = count + 1
-    step = 1j * COMPLEX_STEP
-    arguments = np.repeat(values[:, None, :].astype(complex), directions, axis=1)
-    arguments[range(count), range(count)] += step
-    constant = np.full((directions, 1), w, dtype=complex)
-    constant[-1] += step
-    splits = np.cumsum([order + 1 for order in problem.orders])
-    grouped = [list(group) for group in np.split(arguments, splits[:-1])]
-    with np.errstate(all="ignore"):  # a trial step may leave the domain; Newton sees the non-finite value
-        equations = _stacked(problem.equations(grouped, constant), (directions, n))
-    slopes = equations.imag / COMPLEX_STEP
-
-    residual = np.empty(m * n + m + 1)
-    jacobian = np.zeros((m * n + m + 1, m * size + 1))
-    residual[: m * n] = equations[:, 0].real.ravel()
-    blocks = jacobian[: m * n, :-1].reshape(m, n, m, size)
-    for i, (matrix, slope) in enumerate(zip(matrices, np.split(slopes[:, :-1], splits[:-1], axis=1), strict=True)):
-        blocks[:, :, i, :] = np.einsum("ekn,knj->enj", slope, matrix)
-    jacobian[: m * n, -1] = slopes[:, -1].ravel()
-
-    ends = np.tile(np.concatenate([fields[:, 0], fields[:, -1], [w]]).astype(complex), (2 * m + 1, 1)).T
-    ends[np.arange(2 * m + 1), np.arange(2 * m + 1)] += step
-    with np.errstate(all="ignore"):
-        conditions = _stacked(problem.boundary(list(ends[:m]), list(ends[m:-1]), ends[-1]), (2 * m + 1,))
-    residual[m * n :] = conditions[:, 0].real
-    columns = [i * size for i in range(m)] + [(i + 1) * size - 1 for i in range(m)] + [m * size]
-    jacobian[m * n :, columns] = conditions.imag / COMPLEX_STEP
-    return residual, jacobian
-
-
-def _stacked(residuals: Sequence[Values], shape: tuple[int, ...]) -> NDArray[np.complex128]:
-    """One array of all residuals; a residual that does not depend on every argument is repeated."""
-    return np.array([np.broadcast_to(residual, shape) for residual in residuals], dtype=np.complex128)

@@ -17,80 +17,89 @@ Limits: the material twist τ stands where the Frenet torsion belongs (the term 
 does not give back the flexible yarn. Steady, inextensible, weightless, contact everywhere (N > 0, checked).
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.boundary_value import Array, Values
-from models.friction import friction_direction
+from models.boundary_value import Array, Values, register
+from models.compiled import compiled, inner
+from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
-from models.scene import Dimensionless, Scene
-from models.slow_manifold import solve_slow_manifold
+from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
+from models.slow_manifold import Rod, solve_slow_manifold
 
 NAME = "cosserat"
 
 
-@dataclass(frozen=True, slots=True)
-class CosseratProblem:
-    """Fields θ, p₃/p₃CD and τ as a pointwise boundary-value problem; n₁ is the constant w = n₁/v."""
+class Printed(NamedTuple):
+    """The problem of the printed rod."""
 
-    scene: Dimensionless
-    orders: tuple[int, ...] = (3, 1, 1)
+    scene: Array
+    """`Dimensionless.vector`."""
 
-    def equations(self, fields: Sequence[Sequence[Values]], w: Values) -> Sequence[Values]:
-        """Residuals of E1 and E2, in units of p₃CD, and of E3."""
-        _, dp, dtau = (f[1] for f in fields)
-        sine = np.sin(fields[0][0])
-        e1, normal, p1, kappa, cos_alpha, sin_alpha = self.balance(fields, w)
-        mu = self.scene.friction
-        return (
-            e1,
-            sine * dp - kappa * p1 - mu * normal * sin_alpha,
-            sine * dtau + mu * normal * cos_alpha * self.scene.yarn_radius * self.scene.tension_CD,
-        )
 
-    def balance(self, fields: Sequence[Sequence[Values]], w: Values) -> tuple[Values, ...]:
-        """E1, N and p₁ in units of p₃CD, then κ, cosα, sinα."""
-        (theta, d1, d2, d3), (p, _), (tau, dtau) = fields
-        B, unit = self.scene.bending_rigidity, 1 / self.scene.tension_CD
-        sine, cosine = np.sin(theta), np.cos(theta)
-        # S S' = R and κ = sinθ S give κ' = θ' G / S with G = θ'' sinθ + θ'² cosθ + 2 sin²θ cosθ.
-        S = np.sqrt(d1 * d1 + sine * sine)
-        R = d1 * (d2 + sine * cosine)
-        G = d2 * sine + d1 * d1 * cosine + 2 * sine * sine * cosine
-        dG = d3 * sine + 3 * d1 * d2 * cosine - d1**3 * sine + d1 * (4 * sine * cosine**2 - 2 * sine**3)
-        kappa = sine * S
-        dkappa = d1 * G / S
-        ddkappa = (d2 * G + d1 * dG) / S - d1 * G * R / S**3
-        p1 = -unit * B * sine * dkappa
-        dp1 = -unit * B * (sine * ddkappa + cosine * d1 * dkappa)
-        p2 = -unit * (B - 1) * kappa * tau
-        dp2 = -unit * (B - 1) * (dkappa * tau + kappa * dtau)
-        a, b = sine / S, d1 / S
-        X = sine * dp1 - p2 * tau + p * kappa
-        Y = sine * dp2 + p1 * tau
-        normal = a * X + b * Y
-        cos_alpha, sin_alpha = friction_direction(self.scene, sine, cosine, w)
-        return -b * X + a * Y + self.scene.friction * normal * cos_alpha, normal, p1, kappa, cos_alpha, sin_alpha
+@inner
+def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
+    """−bX + aY, N and p₁ in units of p₃CD, and κ; f holds θ, θ', θ'', θ''', p₃/p₃CD, its derivative, τ, τ'."""
+    theta, d1, d2, d3, p, tau, dtau = f[0], f[1], f[2], f[3], f[4], f[6], f[7]
+    B, unit = scene[BENDING_RIGIDITY], 1 / scene[TENSION_CD]
+    sine, cosine = np.sin(theta), np.cos(theta)
+    # S S' = R and κ = sinθ S give κ' = θ' G / S with G = θ'' sinθ + θ'² cosθ + 2 sin²θ cosθ.
+    S = np.sqrt(d1 * d1 + sine * sine)
+    R = d1 * (d2 + sine * cosine)
+    G = d2 * sine + d1 * d1 * cosine + 2 * sine * sine * cosine
+    dG = (
+        d3 * sine
+        + 3 * d1 * d2 * cosine
+        - d1 * d1 * d1 * sine
+        + d1 * (4 * sine * cosine * cosine - 2 * sine * sine * sine)
+    )
+    kappa = sine * S
+    dkappa = d1 * G / S
+    ddkappa = (d2 * G + d1 * dG) / S - d1 * G * R / (S * S * S)
+    p1 = -unit * B * sine * dkappa
+    dp1 = -unit * B * (sine * ddkappa + cosine * d1 * dkappa)
+    p2 = -unit * (B - 1) * kappa * tau
+    dp2 = -unit * (B - 1) * (dkappa * tau + kappa * dtau)
+    a, b = sine / S, d1 / S
+    X = sine * dp1 - p2 * tau + p * kappa
+    Y = sine * dp2 + p1 * tau
+    return -b * X + a * Y, a * X + b * Y, p1, kappa
 
-    def normal_force(self, fields: Sequence[Sequence[Array]], w: float) -> Array:
-        """N in K/r₀³, same shape as the fields."""
-        return self.balance(fields, np.array(w))[1] * self.scene.tension_CD
 
-    def boundary(self, left: Sequence[Values], right: Sequence[Values], w: Values) -> Sequence[Values]:
-        """Geometry of the spans, p₃(φ), T(φ) and the twist rotation (Eq. 19)."""
-        (theta_B, _, tau_B), (theta_C, p_C, tau_C) = left, right
-        scene = self.scene
-        twist_AB = (tau_B - np.sin(theta_B) * np.cos(theta_B)) / (2 * np.pi)
-        return (
-            scene.span_ratio * np.cos(theta_B) + np.cos(theta_C),
-            p_C - 1,
-            tau_C - np.sin(theta_C) * np.cos(theta_C) - 2 * np.pi * scene.twist_CD,
-            w - scene.twist_congestion * (twist_AB - scene.twist_trapping * scene.twist_CD),
-        )
+def equations(problem: Printed, f: Values, w: Any, out: Values) -> None:
+    """Residuals of E1 and E2, in units of p₃CD, and of E3."""
+    across, normal, p1, kappa = balance(problem.scene, f)
+    sine = np.sin(f[0])
+    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, np.cos(f[0]), w)
+    friction = problem.scene[FRICTION] * normal
+    out[0] = across + friction * cos_alpha
+    out[1] = sine * f[5] - kappa * p1 - friction * sin_alpha
+    out[2] = sine * f[7] + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+
+
+def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values) -> None:
+    """Geometry of the spans, p₃(φ), T(φ) and the twist rotation (Eq. 19)."""
+    ends = (np.sin(left[0]), np.cos(left[0]), np.sin(right[0]), np.cos(right[0]))
+    end_conditions(problem.scene, ends, left[2], right[2], w, out)
+    out[1] = right[1] - 1
+
+
+register(Printed, equations, boundary)
+
+
+@compiled
+def normal_force(scene: Array, values: Array) -> Array:
+    """N in K/r₀³, shape (n,), from the pointwise arguments of `balance`, shape (8, n)."""
+    normal = np.empty(values.shape[1])
+    for j in range(values.shape[1]):
+        normal[j] = balance(scene, values[:, j])[1] * scene[TENSION_CD]
+    return normal
+
+
+ROD = Rod(NAME, Printed, normal_force)
 
 
 def solve_cosserat(scene: Scene) -> Solution:
-    """Solve the printed equations on their slow manifold, n₁ inside the one Newton system."""
-    return solve_slow_manifold(scene, NAME, CosseratProblem(scene.dimensionless()))
+    """Solve the printed equations on their slow manifold."""
+    return solve_slow_manifold(scene, ROD)

@@ -57,12 +57,13 @@ def chebyshev_collocation(degree: int, length: float) -> Discretisation:
     return Discretisation((nodes + 1) * length / 2, (points + 1) * length / 2, at_points * scale, at_nodes * scale)
 
 
-def chebyshev_values(nodal: Array, psi: Array, length: float) -> Array:
-    """Evaluate the polynomial through Chebyshev–Lobatto values, shape (n + 1,), at psi in [0, length]."""
-    degree = nodal.shape[0] - 1
+@lru_cache(maxsize=256)
+def interpolation(degree: int, to: int, *, even: bool = False) -> Array:
+    """Matrix from values at degree + 1 Lobatto nodes to values at to + 1 Lobatto or evenly spaced points."""
     nodes = _chebyshev_reference(degree)[0]
-    coefficients = np.linalg.solve(chebyshev.chebvander(nodes, degree), nodal)
-    return np.asarray(chebyshev.chebval(2 * psi / length - 1, coefficients), dtype=np.float64)
+    points = np.linspace(-1.0, 1.0, to + 1) if even else _chebyshev_reference(to)[0]
+    from_coefficients = chebyshev.chebvander(points, degree)
+    return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, degree).T, from_coefficients.T).T, dtype=np.float64)
 
 
 @lru_cache(maxsize=32)

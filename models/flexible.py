@@ -10,97 +10,120 @@ Limits: no bending or torsional stiffness in the force balance, inextensible, we
 Chebyshev collocation is refined until the ends stop changing, near machine precision.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.boundary_value import Array, BoundaryValueResult, Values, solve
-from models.discretisation import Discretisation, chebyshev_collocation, chebyshev_values
-from models.friction import friction_direction
+from models.boundary_value import Array, BoundaryValueResult, Values, register, solve
+from models.discretisation import Discretisation, chebyshev_collocation, interpolation
+from models.friction import end_conditions, friction_direction
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
-from models.scene import Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, solution
+from models.scene import FRICTION, TENSION_CD, YARN_RADIUS, Dimensionless, Scene
+from models.solution import PROFILE_POINTS, Fields, failed, newton_failure, relative_change, solution
 
 NAME = "flexible"
-DEGREES = (16, 32, 64, 128)
+ORDERS = np.array([1, 1, 1])
+DEGREES = (8, 12, 16, 24, 32, 64, 128)
 PRECISION = 1e-11
+"""Change of the ends between neighbouring degrees at which the refinement ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class FlexibleProblem:
-    """Fields q, ln(p₃/p₃CD) and τ as a pointwise boundary-value problem."""
+class Flexible(NamedTuple):
+    """The problem of the flexible yarn."""
 
-    scene: Dimensionless
-    orders: tuple[int, ...] = (1, 1, 1)
+    scene: Array
+    """`Dimensionless.vector`."""
 
-    def equations(self, fields: Sequence[Sequence[Values]], w: Values) -> Sequence[Values]:
-        """Residuals of q', (ln p₃)' and τ'."""
-        (q, dq), (log_p, dlog_p), (_, dtau) = fields
-        sine, cosine = 1 / np.cosh(q), -np.tanh(q)
-        cos_alpha, sin_alpha = friction_direction(self.scene, sine, cosine, w)
-        mu, pull = self.scene.friction, self.scene.yarn_radius * self.scene.tension_CD
-        return (
-            dq - mu * cos_alpha,
-            dlog_p - mu * sin_alpha * sine,
-            dtau + mu * cos_alpha * sine * pull * np.exp(log_p),
-        )
 
-    def boundary(self, left: Sequence[Values], right: Sequence[Values], w: Values) -> Sequence[Values]:
-        """Geometry of the spans, p₃(φ), T(φ) and the twist rotation."""
-        (q_B, _, tau_B), (q_C, log_p_C, tau_C) = left, right
-        scene = self.scene
-        twist_AB = (tau_B + np.tanh(q_B) / np.cosh(q_B)) / (2 * np.pi)
-        return (
-            -scene.span_ratio * np.tanh(q_B) - np.tanh(q_C),
-            log_p_C,
-            tau_C + np.tanh(q_C) / np.cosh(q_C) - 2 * np.pi * scene.twist_CD,
-            w - scene.twist_congestion * (twist_AB - scene.twist_trapping * scene.twist_CD),
-        )
+def equations(problem: Flexible, f: Values, w: Any, out: Values) -> None:
+    """Residuals of q', (ln p₃)' and τ'; f holds q, q', ln(p₃/p₃CD), its derivative, τ, τ'."""
+    sine, cosine = 1 / np.cosh(f[0]), -np.tanh(f[0])
+    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
+    mu = problem.scene[FRICTION]
+    out[0] = f[1] - mu * cos_alpha
+    out[1] = f[3] - mu * sin_alpha * sine
+    out[2] = f[5] + mu * cos_alpha * sine * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD] * np.exp(f[2])
+
+
+def boundary(problem: Flexible, left: Values, right: Values, w: Any, out: Values) -> None:
+    """Geometry of the spans, p₃(φ), T(φ) and the twist rotation."""
+    ends = (1 / np.cosh(left[0]), -np.tanh(left[0]), 1 / np.cosh(right[0]), -np.tanh(right[0]))
+    end_conditions(problem.scene, ends, left[2], right[2], w, out)
+    out[1] = right[1]
+
+
+register(Flexible, equations, boundary)
 
 
 def solve_flexible(scene: Scene) -> Solution:
     """Solve the flexible yarn. Never raises for a hard scene: the outcome says what happened."""
     problem = scene.dimensionless()
-    previous: Fields | None = None
-    iterations = 0
+    result, degree, error, iterations = solve_fields(problem)
+    if result.status is not NewtonStatus.CONVERGED:
+        return newton_failure(scene, NAME, result.status)
+    if error is None:
+        text = f"the solution is not resolved by a polynomial of degree {degree}"
+        return failed(scene, NAME, Outcome.NOT_CONVERGED, text)
+    stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1)
+    return solution(scene, NAME, as_fields(problem, degree, result), error, stats)
+
+
+def solve_fields(scene: Dimensionless) -> tuple[BoundaryValueResult, int, Array | None, int]:
+    """Refine until the ends stop changing.
+
+    Returns
+    -------
+    tuple
+        The last result, its degree, the last change of p₃AB, T_AB and θ_B, shape (3,) (None if they still change or
+        Newton failed), and all iterations.
+    """
+    iterations, degree, previous = 0, 0, None
     result: BoundaryValueResult | None = None
     for degree in DEGREES:
-        discretisation = chebyshev_collocation(degree, problem.wrap_angle)
-        start, w = _start(problem, discretisation) if result is None else _refined(problem, discretisation, result)
-        result = solve(FlexibleProblem(problem), discretisation, start, w)
-        iterations += result.newton.iterations
-        if result.newton.status is not NewtonStatus.CONVERGED:
-            result = _from_frictionless(problem, discretisation)
-            iterations += result.newton.iterations
-            if result.newton.status is not NewtonStatus.CONVERGED:
-                outcome = Outcome.SINGULAR if result.newton.status is NewtonStatus.SINGULAR else Outcome.NOT_CONVERGED
-                return failed(scene, NAME, outcome, f"{outcome.value} ({result.newton.status.value})")
-        fields = as_fields(problem, result)
-        stats = Stats(
-            iterations, result.residual, result.boundary_residual, result.newton.step, degree + 1,
-            result.condition,
-        )  # fmt: skip
-        if previous is not None and fields.end_difference(previous) < PRECISION:
-            return solution(scene, NAME, fields, fields.ends - previous.ends, stats)
-        previous = fields
-    return failed(
-        scene, NAME, Outcome.NOT_CONVERGED,
-        f"the solution is not resolved by {DEGREES[-1]} nodes",
-    )  # fmt: skip
+        discretisation = chebyshev_collocation(degree, scene.wrap_angle)
+        if result is None:
+            fields, w = _start(scene, discretisation)
+        else:
+            fields, w = result.fields @ interpolation(result.fields.shape[1] - 1, degree).T, result.w
+        result = solve(Flexible(scene.vector), ORDERS, discretisation, fields, w)
+        iterations += result.iterations
+        if result.status is not NewtonStatus.CONVERGED:
+            result = _from_frictionless(scene, discretisation)
+            iterations += result.iterations
+            if result.status is not NewtonStatus.CONVERGED:
+                return result, degree, None, iterations
+        ends = _ends(scene, result)
+        if previous is not None and relative_change(ends, previous) < PRECISION:
+            return result, degree, ends - previous, iterations
+        previous = ends
+    assert result is not None
+    return result, degree, None, iterations
 
 
-def as_fields(scene: Dimensionless, result: BoundaryValueResult) -> Fields:
+def start_values(scene: Dimensionless, result: BoundaryValueResult, degree: int) -> Array:
+    """θ, p₃/p₃CD and τ at the Chebyshev nodes of another degree, shape (3, degree + 1), to start a rod model from."""
+    q, log_p, tau = result.fields @ interpolation(result.fields.shape[1] - 1, degree).T
+    return np.array([2 * np.arctan(np.exp(q)), np.exp(log_p), tau])
+
+
+def as_fields(scene: Dimensionless, degree: int, result: BoundaryValueResult) -> Fields:
     """Change the solved variables back to θ, p₃, τ on an even grid."""
     psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
-    q, log_p, tau = (chebyshev_values(f, psi, scene.wrap_angle) for f in result.fields)
+    q, log_p, tau = result.fields @ interpolation(degree, PROFILE_POINTS - 1, even=True).T
     theta = 2 * np.arctan(np.exp(q))
     sine = np.sin(theta)
-    cos_alpha, _ = friction_direction(scene, sine, np.cos(theta), np.array(result.w))
+    slope_q = chebyshev_collocation(degree, scene.wrap_angle).nodal_derivatives[1] @ result.fields[0]
+    slope = interpolation(degree, PROFILE_POINTS - 1, even=True) @ slope_q * sine
     tension = scene.tension_CD * np.exp(log_p)
-    slope = scene.friction * cos_alpha * sine
     return Fields(scene, psi, theta, slope, tension, tau, result.w, tension * sine**2)
+
+
+def _ends(scene: Dimensionless, result: BoundaryValueResult) -> Array:
+    q, log_p, tau = result.fields[:, 0]
+    twist = (tau + np.tanh(q) / np.cosh(q)) / (2 * np.pi)
+    return np.array([scene.tension_CD * np.exp(log_p), twist, 2 * np.arctan(np.exp(q))])
 
 
 def _start(scene: Dimensionless, discretisation: Discretisation) -> tuple[Array, float]:
@@ -110,21 +133,15 @@ def _start(scene: Dimensionless, discretisation: Discretisation) -> tuple[Array,
     return fields, scene.twist_rotation(scene.twist_CD)
 
 
-def _refined(scene: Dimensionless, discretisation: Discretisation, coarse: BoundaryValueResult) -> tuple[Array, float]:
-    """The coarser solution at the finer nodes."""
-    fields = [chebyshev_values(f, discretisation.nodes, scene.wrap_angle) for f in coarse.fields]
-    return np.array(fields), coarse.w
-
-
 def _from_frictionless(scene: Dimensionless, discretisation: Discretisation) -> BoundaryValueResult:
     """Continue in friction from 0, where the solution is known, halving the step where Newton fails."""
     fields, w = _start(scene, discretisation)
     reached, step = 0.0, 0.25
     while True:
         part = min(1.0, reached + step)
-        problem = FlexibleProblem(replace(scene, friction=part * scene.friction))
-        result = solve(problem, discretisation, fields, w)
-        if result.newton.status is NewtonStatus.CONVERGED:
+        vector = replace(scene, friction=part * scene.friction).vector
+        result = solve(Flexible(vector), ORDERS, discretisation, fields, w)
+        if result.status is NewtonStatus.CONVERGED:
             if part == 1.0:
                 return result
             fields, w, reached, step = result.fields, result.w, part, 2 * step

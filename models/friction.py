@@ -9,20 +9,41 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import Dimensionless
+from models.compiled import inner
+from models.scene import CYLINDER_SPEED, SPAN_RATIO, TWIST_CD, TWIST_CONGESTION, TWIST_TRAPPING, YARN_RADIUS
 
 Values = NDArray[Any]
 
 
-def friction_direction(scene: Dimensionless, sin_theta: Values, cos_theta: Values, w: Values) -> tuple[Values, Values]:
-    """Cos α and sin α of the friction angle, analytic in all arguments.
+@inner
+def friction_direction(scene: Values, sine: Any, cosine: Any, w: Any) -> tuple[Any, Any]:
+    """The friction angle as cos α and sin α, analytic in all arguments.
 
     Parameters
     ----------
-    sin_theta, cos_theta : of the yarn's angle to the cylinder axis.
+    scene : the numbers of `Dimensionless.vector`.
+    sine, cosine : of the yarn's angle θ to the cylinder axis.
     w : n₁/v, rotation of the yarn by the cylinder; n₀/v = T_CD.
     """
-    across = scene.cylinder_speed * sin_theta + 2 * np.pi * scene.yarn_radius * (w - scene.twist_CD)
-    along = scene.cylinder_speed * cos_theta + 1.0
+    across = scene[CYLINDER_SPEED] * sine + 2 * np.pi * scene[YARN_RADIUS] * (w - scene[TWIST_CD])
+    along = scene[CYLINDER_SPEED] * cosine + 1.0
     slip = np.sqrt(across * across + along * along)
     return across / slip, along / slip
+
+
+@inner
+def end_conditions(scene: Values, ends: tuple[Any, ...], tau_B: Any, tau_C: Any, w: Any, out: Values) -> None:
+    """Three boundary conditions that all models share (paper, Eqs 15, 16 and 19): out[0], out[2] and out[3].
+
+    The spans' geometry l_AB cosθ_B + l_CD cosθ_C = 0, T(φ) = T_CD, and n₁ = (T_AB − k T_CD) η v.
+
+    Parameters
+    ----------
+    ends : sinθ and cosθ at B, then at C.
+    tau_B, tau_C : τ = 2πT + sinθ cosθ at the ends.
+    """
+    sine_B, cosine_B, sine_C, cosine_C = ends
+    twist_AB = (tau_B - sine_B * cosine_B) / (2 * np.pi)
+    out[0] = scene[SPAN_RATIO] * cosine_B + cosine_C
+    out[2] = tau_C - sine_C * cosine_C - 2 * np.pi * scene[TWIST_CD]
+    out[3] = w - scene[TWIST_CONGESTION] * (twist_AB - scene[TWIST_TRAPPING] * scene[TWIST_CD])

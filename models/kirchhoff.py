@@ -14,72 +14,81 @@ model is, so that the two differ by their equations only. Source: derived for th
 and moment on the cylinder; it corrects the printed model, which uses τ as the Frenet torsion of the centreline.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from models.boundary_value import Array, Values
-from models.cosserat import CosseratProblem
+from models.boundary_value import Array, Values, register
+from models.compiled import compiled, inner
+from models.cosserat import boundary
 from models.friction import friction_direction
 from models.outcome import Solution
-from models.scene import Dimensionless, Scene
-from models.slow_manifold import solve_slow_manifold
+from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
+from models.slow_manifold import Rod, solve_slow_manifold
 
 NAME = "kirchhoff"
 
 
-@dataclass(frozen=True, slots=True)
-class KirchhoffProblem:
-    """Fields θ, p₃/p₃CD and u₃ as a pointwise boundary-value problem; n₁ is the constant w = n₁/v."""
+class Consistent(NamedTuple):
+    """The problem of the consistent rod."""
 
-    scene: Dimensionless
-    orders: tuple[int, ...] = (3, 1, 1)
+    scene: Array
+    """`Dimensionless.vector`."""
 
-    def equations(self, fields: Sequence[Sequence[Values]], w: Values) -> Sequence[Values]:
-        """Residuals along e_v and t, in units of p₃CD, and of the twisting moment."""
-        theta_s, P, sine, cosine, V, V_s, Q, normal = self._balance(fields)
-        mu = self.scene.friction
-        cos_alpha, sin_alpha = friction_direction(self.scene, sine, cosine, w)
-        return (
-            -P * theta_s + V_s - Q * sine * cosine + mu * normal * cos_alpha,
-            sine * fields[1][1] + V * theta_s + Q * sine**2 - mu * normal * sin_alpha,
-            sine * fields[2][1] + mu * normal * cos_alpha * self.scene.yarn_radius * self.scene.tension_CD,
-        )
 
-    def _balance(self, fields: Sequence[Sequence[Values]]) -> tuple[Values, ...]:
-        """θ_s, P, sinθ, cosθ, then V, V_s, Q and N in units of p₃CD."""
-        (theta, d1, d2, d3), (P, _), (u3, du3) = fields
-        B, unit = self.scene.bending_rigidity, 1 / self.scene.tension_CD
-        sine, cosine = np.sin(theta), np.cos(theta)
-        # d/ds = sinθ d/dψ, applied three times.
-        theta_s = sine * d1
-        theta_ss = sine * (sine * d2 + cosine * d1**2)
-        theta_sss = sine * (sine**2 * d3 + 4 * sine * cosine * d1 * d2 + (cosine**2 - sine**2) * d1**3)
-        u3_s = sine * du3
-        V = unit * (B * theta_ss - B * sine**3 * cosine + u3 * sine**2)
-        V_s = unit * (
-            B * theta_sss
-            - B * (3 * sine**2 * cosine**2 - sine**4) * theta_s
-            + u3_s * sine**2
-            + 2 * u3 * sine * cosine * theta_s
-        )
-        Q = unit * (3 * B * sine * cosine - u3) * theta_s
-        Q_s = unit * (
-            (3 * B * (cosine**2 - sine**2) * theta_s - u3_s) * theta_s + (3 * B * sine * cosine - u3) * theta_ss
-        )
-        normal = P * sine**2 - V * sine * cosine - Q_s
-        return theta_s, P, sine, cosine, V, V_s, Q, normal
+@inner
+def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
+    """Force along t and along e_v without friction, and N, in units of p₃CD; f as for the printed model, u₃ for τ."""
+    theta, d1, d2, d3, P, dP, u3, du3 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
+    B, unit = scene[BENDING_RIGIDITY], 1 / scene[TENSION_CD]
+    sine, cosine = np.sin(theta), np.cos(theta)
+    # d/ds = sinθ d/dψ, applied three times.
+    theta_s = sine * d1
+    theta_ss = sine * (sine * d2 + cosine * d1 * d1)
+    theta_sss = sine * (sine * sine * d3 + 4 * sine * cosine * d1 * d2 + (cosine * cosine - sine * sine) * d1 * d1 * d1)
+    u3_s = sine * du3
+    V = unit * (B * theta_ss - B * sine * sine * sine * cosine + u3 * sine * sine)
+    V_s = unit * (
+        B * theta_sss
+        - B * (3 * sine * sine * cosine * cosine - sine * sine * sine * sine) * theta_s
+        + u3_s * sine * sine
+        + 2 * u3 * sine * cosine * theta_s
+    )
+    Q = unit * (3 * B * sine * cosine - u3) * theta_s
+    Q_s = unit * (
+        (3 * B * (cosine * cosine - sine * sine) * theta_s - u3_s) * theta_s + (3 * B * sine * cosine - u3) * theta_ss
+    )
+    along = sine * dP + V * theta_s + Q * sine * sine
+    across = -P * theta_s + V_s - Q * sine * cosine
+    return along, across, P * sine * sine - V * sine * cosine - Q_s
 
-    def normal_force(self, fields: Sequence[Sequence[Array]], w: float) -> Array:
-        """N in K/r₀³, same shape as the fields."""
-        return self._balance(fields)[-1] * self.scene.tension_CD
 
-    def boundary(self, left: Sequence[Values], right: Sequence[Values], w: Values) -> Sequence[Values]:
-        """The same four conditions as for the printed model."""
-        return CosseratProblem(self.scene).boundary(left, right, w)
+def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
+    """Residuals along e_v and t, in units of p₃CD, and of the twisting moment."""
+    along, across, normal = balance(problem.scene, f)
+    sine = np.sin(f[0])
+    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, np.cos(f[0]), w)
+    friction = problem.scene[FRICTION] * normal
+    out[0] = across + friction * cos_alpha
+    out[1] = along - friction * sin_alpha
+    out[2] = sine * f[7] + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+
+
+register(Consistent, equations, boundary)
+
+
+@compiled
+def normal_force(scene: Array, values: Array) -> Array:
+    """N in K/r₀³, shape (n,), from the pointwise arguments of `balance`, shape (8, n)."""
+    normal = np.empty(values.shape[1])
+    for j in range(values.shape[1]):
+        normal[j] = balance(scene, values[:, j])[2] * scene[TENSION_CD]
+    return normal
+
+
+ROD = Rod(NAME, Consistent, normal_force)
 
 
 def solve_kirchhoff(scene: Scene) -> Solution:
-    """Solve the consistent rod on its slow manifold, n₁ inside the one Newton system."""
-    return solve_slow_manifold(scene, NAME, KirchhoffProblem(scene.dimensionless()))
+    """Solve the consistent rod on its slow manifold."""
+    return solve_slow_manifold(scene, ROD)

@@ -1,102 +1,163 @@
-"""Damped Newton iteration for square nonlinear systems. Knows no yarn.
+"""Damped Newton iteration for square nonlinear systems, compiled. Knows no yarn.
 
 Deuflhard, Newton Methods for Nonlinear Problems (2004), section 3.3: the step is shortened until the simplified
 Newton correction J⁻¹F at the trial point decreases (natural monotonicity test), which does not depend on how the
-equations are scaled. Success needs both a small step and a small residual.
+equations are scaled. Success needs both a small correction and a small residual.
 """
 
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
+from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgWarning, lu_factor, lu_solve
+
+from models.compiled import inner
 
 Array = NDArray[np.float64]
 
+MIN_DAMPING = 1e-4
+"""Smallest step length tried before the iteration counts as stalled."""
+SMALLEST_PIVOT = 1e-15
+"""Pivot relative to the largest, below which a matrix counts as singular."""
 
-class NewtonStatus(Enum):
+
+class NewtonStatus(IntEnum):
     """Why the iteration ended."""
 
-    CONVERGED = "step and residual are below their tolerances"
-    MAX_ITERATIONS = "the iteration limit was reached"
-    STALLED = "no step length along the Newton direction decreases the correction"
-    SINGULAR = "the Jacobian is singular to working precision"
-    NOT_FINITE = "the equations have no finite value at the starting point"
+    CONVERGED = 0
+    MAX_ITERATIONS = 1
+    STALLED = 2
+    SINGULAR = 3
+    NOT_FINITE = 4
+
+    @property
+    def text(self) -> str:
+        """The reason in words."""
+        return (
+            "step and residual are below their tolerances",
+            "the iteration limit was reached",
+            "no step length along the Newton direction decreases the correction",
+            "the Jacobian is singular to working precision",
+            "the equations have no finite value at the starting point",
+        )[self]
 
 
-@dataclass(frozen=True, slots=True)
-class NewtonResult:
-    """Last iterate, shape (n,), and the evidence for it: maximum norms of F and of the Newton correction at x."""
-
-    x: Array
-    status: NewtonStatus
-    iterations: int
-    residual: float
-    step: float
-    value: Array
-    """F at x, shape (n,)."""
-    jacobian: Array
-    """J at x, shape (n, n)."""
+def evaluate(problem: Any, x: Array, value: Array, jacobian: Array) -> None:
+    """Fill F(x), shape (n,), and its Jacobian, shape (n, n). `implement` gives each type of problem its own."""
+    raise NotImplementedError(f"no equations for {type(problem).__name__}")
 
 
+_CONVERGED, _MAX_ITERATIONS, _STALLED, _SINGULAR, _NOT_FINITE = range(5)
+
+
+@inner
+def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
+    """Factorise in place with partial pivoting; False where a pivot vanishes to working precision.
+
+    Written out because the matrices are small (up to about 100 rows): a call of LAPACK costs more than it saves.
+    """
+    n = matrix.shape[0]
+    largest, smallest = 0.0, np.inf
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[p, k]):
+                p = i
+        pivots[k] = p
+        pivot = matrix[p, k]
+        largest, smallest = max(largest, abs(pivot)), min(smallest, abs(pivot))
+        if pivot == 0.0:
+            return False
+        if p != k:
+            for j in range(n):
+                matrix[k, j], matrix[p, j] = matrix[p, j], matrix[k, j]
+        for i in range(k + 1, n):
+            factor = matrix[i, k] / pivot
+            matrix[i, k] = factor
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    matrix[i, j] -= factor * matrix[k, j]
+    return smallest > SMALLEST_PIVOT * largest
+
+
+@inner
+def lu_solve(factors: Array, pivots: NDArray[np.int64], right: Array) -> Array:
+    """Solve with the factors; `right`, shape (n,), is not changed."""
+    n = factors.shape[0]
+    x = right.copy()
+    for k in range(n):
+        p = pivots[k]
+        x[k], x[p] = x[p], x[k]
+    for i in range(n):
+        for j in range(i):
+            x[i] -= factors[i, j] * x[j]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= factors[i, j] * x[j]
+        x[i] /= factors[i, i]
+    return x
+
+
+@inner
 def newton(
-    function: Callable[[Array], tuple[Array, Array]],
-    start: Array,
-    *,
+    problem: Any,
+    x: Array,
     step_tolerance: float,
     residual_tolerance: float,
-    max_iterations: int = 40,
-    min_damping: float = 1e-4,
-) -> NewtonResult:
-    """Solve F(x) = 0.
+    max_iterations: int,
+) -> tuple[int, int, float, float, Array, Array]:
+    """Solve F(x) = 0 in place.
 
     Parameters
     ----------
-    function : x of shape (n,) → (F of shape (n,), exact Jacobian of shape (n, n)).
-    start : shape (n,), not changed.
+    problem : an instance of a type that `evaluate` is implemented for.
+    x : start on entry and last iterate on return, shape (n,).
     step_tolerance : largest accepted Newton correction |J⁻¹F| at x, relative to 1 + |x|.
     residual_tolerance : largest accepted |F| at x.
     max_iterations : Newton steps, each with one Jacobian.
-    min_damping : smallest step length tried before the iteration counts as stalled.
+
+    Returns
+    -------
+    tuple
+        Status, iterations, |F| at x, the last correction, then F and the Jacobian at x; norms are maximum norms.
     """
-    x = np.array(start, dtype=float)
-    value, jacobian = function(x)
-    step, damping = np.inf, 1.0
-    for iteration in range(max_iterations):
-        residual = float(np.max(np.abs(value)))
+    n = x.shape[0]
+    value, trial_value = np.empty(n), np.empty(n)
+    jacobian, trial_jacobian, factors = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    pivots = np.empty(n, np.int64)
+    evaluate(problem, x, value, jacobian)
+    step, damping, residual = np.inf, 1.0, np.inf
+    for iteration in range(max_iterations + 1):
+        residual = np.max(np.abs(value))
         if not (np.isfinite(residual) and np.all(np.isfinite(jacobian))):
-            return NewtonResult(x, NewtonStatus.NOT_FINITE, iteration, residual, step, value, jacobian)
-        factors = _factorise(jacobian)
-        if factors is None:
-            return NewtonResult(x, NewtonStatus.SINGULAR, iteration, residual, step, value, jacobian)
-        direction: Array = -lu_solve(factors, value)
-        step = float(np.max(np.abs(direction) / (1.0 + np.abs(x))))
+            return _NOT_FINITE, iteration, residual, step, value, jacobian
+        factors[:] = jacobian
+        if not lu_factor(factors, pivots):
+            return _SINGULAR, iteration, residual, step, value, jacobian
+        direction = -lu_solve(factors, pivots, value)
+        step = np.max(np.abs(direction) / (1.0 + np.abs(x)))
         if step <= step_tolerance and residual <= residual_tolerance:
-            return NewtonResult(x, NewtonStatus.CONVERGED, iteration, residual, step, value, jacobian)
-        size = float(np.linalg.norm(direction))
+            trial = x + direction  # the correction is known: take it, so that the error is its square
+            evaluate(problem, trial, trial_value, trial_jacobian)
+            if np.max(np.abs(trial_value)) <= residual:
+                x[:] = trial
+                return _CONVERGED, iteration + 1, np.max(np.abs(trial_value)), step, trial_value, trial_jacobian
+            return _CONVERGED, iteration, residual, step, value, jacobian
+        if iteration == max_iterations:
+            break
+        size = np.sqrt(np.sum(direction * direction))
         damping = min(1.0, 4.0 * damping)
         while True:
             trial = x + damping * direction
-            trial_value, trial_jacobian = function(trial)
+            evaluate(problem, trial, trial_value, trial_jacobian)
             if np.all(np.isfinite(trial_value)):
-                simplified = float(np.linalg.norm(lu_solve(factors, trial_value)))
-                if simplified <= (1.0 - damping / 4.0) * size:
+                simplified = lu_solve(factors, pivots, trial_value)
+                if np.sqrt(np.sum(simplified * simplified)) <= (1.0 - damping / 4.0) * size:
                     break
             damping /= 2.0
-            if damping < min_damping:
-                return NewtonResult(x, NewtonStatus.STALLED, iteration, residual, step, value, jacobian)
-        x, value, jacobian = trial, trial_value, trial_jacobian
-    residual = float(np.max(np.abs(value)))
-    return NewtonResult(x, NewtonStatus.MAX_ITERATIONS, max_iterations, residual, step, value, jacobian)
-
-
-def _factorise(jacobian: Array) -> tuple[Array, NDArray[np.int32]] | None:
-    """LU factors, or None where a pivot vanishes to working precision."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", LinAlgWarning)  # an exactly singular matrix is handled below
-        factors = lu_factor(jacobian, check_finite=False)
-    pivots = np.abs(np.diag(factors[0]))
-    return factors if pivots.min() > 1e-15 * pivots.max() else None
+            if damping < MIN_DAMPING:
+                return _STALLED, iteration, residual, step, value, jacobian
+        x[:] = trial
+        value[:] = trial_value
+        jacobian[:] = trial_jacobian
+    return _MAX_ITERATIONS, max_iterations, residual, step, value, jacobian

@@ -7,6 +7,9 @@ radius r₀ whose surface moves along its own axis e_z. Source: Yin, Tao, Jasper
 import math
 from dataclasses import dataclass, fields
 
+import numpy as np
+from numpy.typing import NDArray
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
@@ -103,6 +106,39 @@ class Dimensionless:
     span_ratio: float = 1.0
     bending_rigidity: float = 1.3
 
+    @property
+    def vector(self) -> NDArray[np.float64]:
+        """The ten numbers in the order of the fields, as compiled functions take them (indices below)."""
+        return np.array(
+            [
+                self.wrap_angle,
+                self.tension_CD,
+                self.twist_CD,
+                self.yarn_radius,
+                self.friction,
+                self.cylinder_speed,
+                self.twist_trapping,
+                self.twist_congestion,
+                self.span_ratio,
+                self.bending_rigidity,
+            ]
+        )
+
     def twist_rotation(self, twist_AB: float) -> float:
         """Rotation of the yarn by the cylinder, n₁ / v = η (T_AB − k T_CD) (paper, Eq. 16)."""
         return self.twist_congestion * (twist_AB - self.twist_trapping * self.twist_CD)
+
+
+(
+    WRAP_ANGLE,
+    TENSION_CD,
+    TWIST_CD,
+    YARN_RADIUS,
+    FRICTION,
+    CYLINDER_SPEED,
+    TWIST_TRAPPING,
+    TWIST_CONGESTION,
+    SPAN_RATIO,
+    BENDING_RIGIDITY,
+) = range(10)
+"""Places in `Dimensionless.vector`."""

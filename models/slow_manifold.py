@@ -11,19 +11,22 @@ ends at the tolerance, at the first growth of the change or at an ill-conditione
 between neighbouring degrees is the stated error. Where even that is large the outcome is NO_SCALE_SEPARATION.
 """
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from models.boundary_value import Array, BoundaryValueResult, Problem, solve
-from models.discretisation import chebyshev_collocation, chebyshev_values
-from models.flexible import solve_flexible
+from models import flexible
+from models.boundary_value import Array, BoundaryValueResult, solve
+from models.discretisation import Discretisation, chebyshev_collocation, interpolation
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
-from models.scene import Scene
-from models.solution import PROFILE_POINTS, Fields, failed, solution, start_values
+from models.scene import Dimensionless, Scene
+from models.solution import PROFILE_POINTS, Fields, failed, newton_failure, relative_change, solution
 
+ORDERS = np.array([3, 1, 1])
+"""Highest derivatives of the fields θ, p₃/p₃CD and τ."""
 DEGREES = (4, 6, 8, 10, 12, 14, 16, 18)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the search ends."""
@@ -35,81 +38,87 @@ LARGEST_CONDITION = 1e9
 """Above it the layers have entered the discrete problem."""
 
 
-class RodProblem(Problem, Protocol):
-    """A problem with the fields θ, p₃/p₃CD and τ."""
+@dataclass(frozen=True, slots=True)
+class Rod:
+    """A rod model with the fields θ, p₃/p₃CD and τ."""
 
-    def normal_force(self, fields: Sequence[Sequence[Array]], w: float) -> Array:
-        """N in K/r₀³ from fields[i][k], the k-th derivative of field i."""
-        ...
+    name: str
+    problem: Callable[..., Any]
+    """Makes the problem that is solved from the scene's numbers."""
+    normal_force: Callable[[Array, Array], Array]
+    """N in K/r₀³, shape (n,), from the scene's numbers and the pointwise arguments, shape (8, n)."""
 
 
-def solve_slow_manifold(scene: Scene, model: str, problem: RodProblem) -> Solution:
+def solve_slow_manifold(scene: Scene, rod: Rod) -> Solution:
     """Solve by collocation of rising degree from the flexible yarn's solution. The outcome says what happened."""
-    flexible = solve_flexible(scene)
-    if not flexible.outcome.ok:
-        return failed(scene, model, flexible.outcome, f"the flexible start failed: {flexible.message}")
-    length = scene.wrap_angle
-    best: tuple[float, Fields, Array, Stats] | None = None
-    previous: Fields | None = None
+    problem = scene.dimensionless()
+    start, _, error, iterations = flexible.solve_fields(problem)
+    if error is None:
+        text = f"the flexible start failed ({start.status.text})"
+        return failed(scene, rod.name, Outcome.NOT_CONVERGED, text)
+    best: tuple[float, int, BoundaryValueResult, Array, float] | None = None
+    previous: Array | None = None
     last_change = np.inf
     result: BoundaryValueResult | None = None
-    iterations = 0
+    condition = np.inf
     for degree in DEGREES:
-        discretisation = chebyshev_collocation(degree, length)
+        discretisation = chebyshev_collocation(degree, problem.wrap_angle)
         if result is None:
-            start, w = start_values(flexible, discretisation.nodes)
+            fields, w = flexible.start_values(problem, start, degree), start.w
         else:
-            start = np.array([chebyshev_values(f, discretisation.nodes, length) for f in result.fields])
-            w = result.w
-        result = solve(problem, discretisation, start, w, step_tolerance=STEP_TOLERANCE)
-        iterations += result.newton.iterations
+            fields, w = result.fields @ interpolation(result.fields.shape[1] - 1, degree).T, result.w
+        result = solve(rod.problem(problem.vector), ORDERS, discretisation, fields, w, step_tolerance=STEP_TOLERANCE)
+        iterations += result.iterations
         condition = result.condition
-        if result.newton.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:
+        if result.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:
             break
-        fields = _fields(scene, problem, degree, result)
+        ends = rod_ends(problem, result)
         if previous is not None:
-            change = fields.end_difference(previous)
-            stats = Stats(
-                iterations, result.residual, result.boundary_residual, result.newton.step, degree + 1, condition
-            )
+            change = relative_change(ends, previous)
             if best is None or change < best[0]:
-                best = change, fields, fields.ends - previous.ends, stats
+                best = change, degree, result, ends - previous, condition
             if change < PRECISION or change > 2 * last_change:
                 break
             last_change = change
-        previous = fields
+        previous = ends
+    assert result is not None
     if best is None:
-        assert result is not None
-        return _failed_newton(scene, model, result)
-    change, fields, error, stats = best
+        if result.status is not NewtonStatus.CONVERGED:
+            return newton_failure(scene, rod.name, result.status)
+        text = f"{Outcome.NO_SCALE_SEPARATION.value} (condition number {condition:.1e} at the lowest degrees)"
+        return failed(scene, rod.name, Outcome.NO_SCALE_SEPARATION, text)
+    change, degree, result, error, condition = best
+    stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1, condition)
     if change > LARGEST_CHANGE:
         text = f"{Outcome.NO_SCALE_SEPARATION.value} (the ends change by {change:.1e} between degrees)"
-        return failed(scene, model, Outcome.NO_SCALE_SEPARATION, text, stats=stats)
-    return solution(scene, model, fields, error, stats)
+        return failed(scene, rod.name, Outcome.NO_SCALE_SEPARATION, text, stats=stats)
+    discretisation = chebyshev_collocation(degree, problem.wrap_angle)
+    to_profile = interpolation(degree, PROFILE_POINTS - 1, even=True)
+    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
+    return solution(scene, rod.name, rod_fields(problem, rod, discretisation, result, psi, to_profile), error, stats)
 
 
-def _fields(scene: Scene, problem: RodProblem, degree: int, result: BoundaryValueResult) -> Fields:
-    """The polynomial solution on an even grid."""
-    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
-    matrices = chebyshev_collocation(degree, scene.wrap_angle).nodal_derivatives
-
-    def derivative(i: int, k: int) -> Array:
-        return chebyshev_values(matrices[k] @ result.fields[i], psi, scene.wrap_angle)
-
-    values = [[derivative(i, k) for k in range(order + 1)] for i, order in enumerate(problem.orders)]
-    (theta, slope, *_), (tension, _), (tau, _) = values
-    dimensionless = scene.dimensionless()
-    return Fields(
-        dimensionless, psi, theta, slope, tension * dimensionless.tension_CD, tau, result.w,
-        problem.normal_force(values, result.w),
-    )  # fmt: skip
+def rod_ends(scene: Dimensionless, result: BoundaryValueResult) -> Array:
+    """p₃AB, T_AB and θ_B, dimensionless, shape (3,)."""
+    theta, tension, tau = result.fields[:, 0]
+    return np.array([tension * scene.tension_CD, (tau - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta])
 
 
-def _failed_newton(scene: Scene, model: str, result: BoundaryValueResult) -> Solution:
-    """The outcome where not even two low degrees gave a solution."""
-    status = result.newton.status
-    if status is NewtonStatus.CONVERGED:
-        text = f"{Outcome.NO_SCALE_SEPARATION.value} (condition number {result.condition:.1e} at the lowest degrees)"
-        return failed(scene, model, Outcome.NO_SCALE_SEPARATION, text)
-    outcome = Outcome.SINGULAR if status is NewtonStatus.SINGULAR else Outcome.NOT_CONVERGED
-    return failed(scene, model, outcome, f"{outcome.value} ({status.value})")
+def rod_fields(
+    scene: Dimensionless,
+    rod: Rod,
+    discretisation: Discretisation,
+    result: BoundaryValueResult,
+    psi: Array,
+    to_psi: Array,
+) -> Fields:
+    """The solution and its normal force at psi, shape (n,); `to_psi` takes nodal values there."""
+    values = np.array(
+        [
+            to_psi @ (discretisation.nodal_derivatives[k] @ field)
+            for field, order in zip(result.fields, ORDERS, strict=True)
+            for k in range(order + 1)
+        ]
+    )
+    normal = rod.normal_force(scene.vector, values)
+    return Fields(scene, psi, values[0], values[1], values[4] * scene.tension_CD, values[6], result.w, normal)

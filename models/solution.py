@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from models.boundary_value import Array
+from models.newton import NewtonStatus
 from models.outcome import Ends, Outcome, Profile, Solution, Stats
 from models.scene import Dimensionless, Scene
 
@@ -45,10 +46,11 @@ class Fields:
         """p₃AB, T_AB, θ_B."""
         return np.array([self.tension[0], self.twist[0], self.theta[0]])
 
-    def end_difference(self, other: "Fields") -> float:
-        """Largest change of an end value, relative to its size (twist: to 1 turn per circumference at least)."""
-        size = np.array([self.tension[0], max(abs(self.twist[0]), 1 / (2 * np.pi)), self.theta[0]])
-        return float(np.max(np.abs(self.ends - other.ends) / size))
+
+def relative_change(ends: Array, other: Array) -> float:
+    """Largest change of p₃AB, T_AB, θ_B, relative to its size (twist: to 1 turn per circumference at least)."""
+    size = np.array([ends[0], max(abs(ends[1]), 1 / (2 * np.pi)), ends[2]])
+    return float(np.max(np.abs(ends - other) / np.abs(size)))
 
 
 def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stats) -> Solution:
@@ -98,18 +100,10 @@ def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stat
     )
 
 
-def start_values(found: Solution, psi: Array) -> tuple[Array, float]:
-    """θ, p₃/p₃CD, τ at psi, shape (3, n), and w = n₁/v of a solution, as the start of another model's Newton."""
-    scene, profile = found.scene, found.profile
-    if profile is None:
-        raise ValueError(f"a failed solution is no start: {found.message}")
-    columns = (
-        profile.theta,
-        profile.tension / scene.tension_CD,
-        profile.torsional_moment / scene.moment_unit,
-    )
-    fields = np.array([CubicSpline(profile.psi, column)(psi) for column in columns])
-    return fields, found.rotation * scene.cylinder_radius / scene.delivery_speed
+def newton_failure(scene: Scene, model: str, status: NewtonStatus) -> Solution:
+    """The failed solution for a Newton iteration that did not converge."""
+    outcome = Outcome.SINGULAR if status is NewtonStatus.SINGULAR else Outcome.NOT_CONVERGED
+    return failed(scene, model, outcome, f"{outcome.value} ({status.text})")
 
 
 def failed(

@@ -8,13 +8,14 @@ import pytest
 from scenes import scene, table_1
 
 from models.boundary_value import solve
-from models.cosserat import CosseratProblem, solve_cosserat
+from models.cosserat import Printed, solve_cosserat
 from models.cosserat_fd import INTERVALS, solve_cosserat_fd
 from models.discretisation import chebyshev_collocation, finite_differences
-from models.flexible import FlexibleProblem, solve_flexible
+from models.flexible import ORDERS as FLEXIBLE_ORDERS
+from models.flexible import Flexible, solve_fields, solve_flexible, start_values
 from models.outcome import Solution
 from models.scene import Scene
-from models.solution import start_values
+from models.slow_manifold import ORDERS
 
 
 def ends(found: Solution) -> np.ndarray:
@@ -57,7 +58,7 @@ def test_flexible_collocation_converges_exponentially() -> None:
         grid = chebyshev_collocation(degree, problem.wrap_angle)
         start = np.zeros((3, degree + 1))
         start[2] = 2 * math.pi
-        found = solve(FlexibleProblem(problem.dimensionless()), grid, start, 0.0)
+        found = solve(Flexible(problem.dimensionless().vector), FLEXIBLE_ORDERS, grid, start, 0.0)
         errors.append(abs(2 * math.atan(math.exp(found.fields[0, 0])) - reference))
     # Each four degrees more gain at least a factor of 50 until rounding.
     assert all(later < max(earlier / 50, 1e-13) for earlier, later in pairwise(errors)), errors
@@ -75,11 +76,12 @@ def test_slow_manifold_converges_to_a_plateau(problem: Scene) -> None:
 def test_more_nodes_are_not_more_accuracy() -> None:
     # The trap: past the plateau the layers enter and the Jacobian's condition number explodes.
     problem = table_1(1)
-    start = solve_flexible(problem)
+    d = problem.dimensionless()
+    flexible = solve_fields(d)[0]
     condition = {}
     for degree in (8, 30):
         grid = chebyshev_collocation(degree, problem.wrap_angle)
-        found = solve(CosseratProblem(problem.dimensionless()), grid, *start_values(start, grid.nodes))
+        found = solve(Printed(d.vector), ORDERS, grid, start_values(d, flexible, degree), flexible.w)
         condition[degree] = found.condition
     assert condition[8] < 1e6
     assert condition[30] > 1e12

@@ -1,29 +1,34 @@
 """The pointwise equations against symbolic or geometric truth, apart from any solver."""
 
 import numpy as np
+import pytest
 from scenes import scene
 
-from models.boundary_value import assemble
-from models.cosserat import CosseratProblem
+from models import cosserat, kirchhoff
+from models.boundary_value import Collocated, solve_compiled
 from models.discretisation import chebyshev_collocation
-from models.flexible import FlexibleProblem
-from models.kirchhoff import KirchhoffProblem
+from models.flexible import ORDERS as FLEXIBLE_ORDERS
+from models.flexible import Flexible
+from models.slow_manifold import ORDERS
 
 PSI = np.linspace(0.1, 0.9, 7)
 
 
-def smooth_fields() -> list[list[np.ndarray]]:
-    """θ, p₃/p₃CD and τ as known functions with their exact derivatives."""
+RING = np.array([[np.pi / 2, 0, 0, 0, 1, 0, 9, 0]]).T
+"""A point of a planar ring: θ = 90°, p₃ = p₃CD, τ = 9."""
+
+
+def smooth_fields() -> np.ndarray:
+    """θ, p₃/p₃CD and τ as known functions with their exact derivatives, shape (8, 7)."""
     theta = [1.5 + 0.3 * np.sin(PSI), 0.3 * np.cos(PSI), -0.3 * np.sin(PSI), -0.3 * np.cos(PSI)]
     tension = [1 + 0.2 * PSI**2, 0.4 * PSI]
     tau = [7 + np.cos(2 * PSI), -2 * np.sin(2 * PSI)]
-    return [theta, tension, tau]
+    return np.array([*theta, *tension, *tau])
 
 
 def test_shear_and_its_derivative_match_differences_of_the_curvature() -> None:
     # κ', κ'' in the code are expanded by hand; here they come from central differences of κ alone.
-    problem = CosseratProblem(scene().dimensionless())
-    p1 = problem.balance(smooth_fields(), np.array(1.2))[2]
+    p1 = cosserat.balance.py_func(scene().dimensionless().vector, smooth_fields())[2]
 
     def kappa(psi: np.ndarray) -> np.ndarray:
         theta, slope = 1.5 + 0.3 * np.sin(psi), 0.3 * np.cos(psi)
@@ -52,40 +57,38 @@ def test_balance_of_the_printed_model_matches_differences() -> None:
     p1, p2, sine, S = shears(PSI)
     tau, tension, d1 = 7 + np.cos(2 * PSI), 1 + 0.2 * PSI**2, 0.3 * np.cos(PSI)
     X, Y = sine * dp1 - p2 * tau + tension * sine * S, sine * dp2 + p1 * tau
-    _, normal, *_ = CosseratProblem(d).balance(smooth_fields(), np.array(1.2))
+    across, normal, *_ = cosserat.balance.py_func(d.vector, smooth_fields())
     np.testing.assert_allclose(normal, sine / S * X + d1 / S * Y, rtol=1e-7)
+    np.testing.assert_allclose(across, -d1 / S * X + sine / S * Y, rtol=1e-7, atol=1e-9)
 
 
 def test_a_twisted_ring_presses_with_tension_over_radius() -> None:
     # Planar circle θ = 90°: N = p₃/r₀ whatever the twist, exactly, for the consistent rod.
-    flat = [[np.full(5, np.pi / 2), *[np.zeros(5)] * 3], [np.ones(5), np.zeros(5)], [np.full(5, 9.0), np.zeros(5)]]
-    normal = KirchhoffProblem(scene().dimensionless()).normal_force(flat, 1.0)
+    normal = kirchhoff.normal_force(scene().dimensionless().vector, RING)
     np.testing.assert_allclose(normal, 600.0, rtol=1e-14)
 
 
 def test_the_printed_model_adds_a_twist_term_to_the_ring() -> None:
     # The same ring in the printed equations: N = p₃ + (B − K) τ², the term that physics.md section 5 names.
-    flat = [[np.full(5, np.pi / 2), *[np.zeros(5)] * 3], [np.ones(5), np.zeros(5)], [np.full(5, 9.0), np.zeros(5)]]
-    normal = CosseratProblem(scene().dimensionless()).normal_force(flat, 1.0)
+    normal = cosserat.normal_force(scene().dimensionless().vector, RING)
     np.testing.assert_allclose(normal, 600.0 + 0.3 * 81.0, rtol=1e-14)
 
 
-def test_jacobians_are_exact() -> None:
+@pytest.mark.parametrize(
+    ("problem", "orders"),
+    [(Flexible, FLEXIBLE_ORDERS), (cosserat.Printed, ORDERS), (kirchhoff.Consistent, ORDERS)],
+)
+def test_jacobians_are_exact(problem, orders) -> None:
     rng = np.random.default_rng(7)
     grid = chebyshev_collocation(6, 1.0)
-    for problem in (
-        FlexibleProblem(scene().dimensionless()),
-        CosseratProblem(scene().dimensionless()),
-        KirchhoffProblem(scene().dimensionless()),
-    ):
-        fields = np.array([1.4 + 0.2 * grid.nodes, 1 + 0.1 * grid.nodes, 7 + grid.nodes**2])
-        _, jacobian = assemble(problem, grid, fields, 1.1)
-        direction = rng.standard_normal(fields.size + 1)
-        h = 1e-6
+    fields = np.array([1.4 + 0.2 * grid.nodes, 1 + 0.1 * grid.nodes, 7 + grid.nodes**2])
+    x = np.append(fields, 1.1)
+    collocated = Collocated(problem(scene().dimensionless().vector), orders, grid.derivatives)
 
-        def along(step: float, problem=problem, fields=fields, direction=direction) -> np.ndarray:
-            moved = fields + step * direction[:-1].reshape(fields.shape)
-            return assemble(problem, grid, moved, 1.1 + step * direction[-1])[0]
+    def evaluated(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return solve_compiled(collocated, x.copy(), (0.0, 0.0), 0)[4:]
 
-        difference = (along(h) - along(-h)) / (2 * h)
-        np.testing.assert_allclose(jacobian @ direction, difference, rtol=1e-5, atol=1e-6)
+    direction = rng.standard_normal(x.size)
+    h = 1e-6
+    difference = (evaluated(x + h * direction)[0] - evaluated(x - h * direction)[0]) / (2 * h)
+    np.testing.assert_allclose(evaluated(x)[1] @ direction, difference, rtol=1e-5, atol=1e-6)

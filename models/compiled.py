@@ -1,0 +1,64 @@
+"""Compilation to machine code by numba, kept on disk until any source file of this package changes.
+
+numba's own check looks only at the file of the outermost function, so a changed equation in another file would go
+unseen: here the place on disk is named after the content of all sources.
+"""
+
+import hashlib
+import inspect
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType
+from typing import Any, TypeVar, cast
+
+import numba
+from numba.core import config
+from numba.extending import overload
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _cache_folder() -> str:
+    here = Path(__file__).parent
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(here.rglob("*.py")))).hexdigest()[:16]
+    beside = here / "__pycache__"
+    writable = os.access(beside if beside.is_dir() else here, os.W_OK)
+    return str((beside if writable else Path(tempfile.gettempdir())) / f"yarnval-{digest}")
+
+
+_FOLDER = _cache_folder()
+
+
+def compiled(function: Function) -> Function:
+    """Compile on the first call and keep the machine code on disk."""
+    settings: Any = config  # numba makes its settings at import, where no type checker sees them
+    shared = settings.CACHE_DIR
+    settings.CACHE_DIR = _FOLDER
+    try:
+        return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
+    finally:
+        settings.CACHE_DIR = shared
+
+
+def inner(function: Function) -> Function:
+    """Compile as part of the compiled functions that call it."""
+    return cast(Function, numba.njit(error_model="numpy", nogil=True)(function))
+
+
+def implement(generic: Callable[..., None], kind: type[Any], implementation: Callable[..., None]) -> None:
+    """Let compiled calls of `generic` run `implementation` where the first argument is a NamedTuple of type `kind`.
+
+    This, rather than a function as an argument: machine code that holds a function's address cannot be kept on disk.
+    Both functions must name their arguments alike.
+    """
+    function = cast(FunctionType, implementation)
+    # numba compares the signatures of the two functions below with their annotations: both go without.
+    plain = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+
+    def choose(first: Any, *_: Any) -> Callable[..., None] | None:
+        return plain if getattr(first, "instance_class", None) is kind else None
+
+    choose.__signature__ = inspect.signature(plain)  # pyright: ignore[reportFunctionMemberAccess]
+    overload(generic)(choose)
