@@ -3,12 +3,13 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from models import cosserat, cosserat_fd, flexible, kirchhoff
+from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff
 from models.outcome import Solution
 from models.scene import Scene
 
 MODELS: Mapping[str, Callable[[Scene], Solution]] = MappingProxyType(
     {
+        capstan.NAME: capstan.solve_capstan,
         flexible.NAME: flexible.solve_flexible,
         cosserat.NAME: cosserat.solve_cosserat,
         cosserat_fd.NAME: cosserat_fd.solve_cosserat_fd,
