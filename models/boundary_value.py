@@ -53,7 +53,7 @@ class Collocated(NamedTuple):
     problem: Any
     orders: NDArray[np.int64]
     """Highest derivative of each field that the equations use, shape (m,)."""
-    derivatives: Array
+    derivatives: Values
     """The discretisation's matrices, shape (4, n, n + 1)."""
 
 
@@ -116,6 +116,33 @@ def solve_compiled(
 ) -> tuple[int, int, float, float, Array, Array]:
     """Newton's method on a collocated problem; compiled once for each problem type."""
     return newton(collocated, x, tolerances[0], tolerances[1], max_iterations)
+
+
+@compiled
+def parameter_slopes(problem: Collocated, x: Array) -> Array:
+    """∂F/∂λ at x, shape (m n + m + 1,): the problem's numbers and matrices are complex, moved by COMPLEX_STEP in λ."""
+    pointwise, orders, derivatives = problem.problem, problem.orders, problem.derivatives
+    m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
+    slopes = np.empty(m * n + m + 1)
+    f, out = np.empty(m + np.sum(orders), np.complex128), np.empty(m, np.complex128)
+    w = x[-1] + 0j
+    for j in range(n):
+        a = 0
+        for i in range(m):
+            for k in range(orders[i] + 1):
+                f[a] = 0.0
+                for node in range(size):
+                    f[a] += derivatives[k, j, node] * x[i * size + node]
+                a += 1
+        equations(pointwise, f, w, out)
+        for e in range(m):
+            slopes[e * n + j] = out[e].imag / COMPLEX_STEP
+    ends, conditions = np.empty(2 * m, np.complex128), np.empty(m + 1, np.complex128)
+    for i in range(m):
+        ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
+    boundary(pointwise, ends[:m], ends[m:], w, conditions)
+    slopes[m * n :] = conditions.imag / COMPLEX_STEP
+    return slopes
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ NAME = "cosserat"
 class Printed(NamedTuple):
     """The problem of the printed rod."""
 
-    scene: Array
+    scene: Values
     """`Dimensionless.vector`."""
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models import cosserat, flexible
-from models.boundary_value import Array, BoundaryValueResult, Values, register, solve
+from models.boundary_value import BoundaryValueResult, Values, register, solve
 from models.compiled import inner
 from models.cosserat import equations, normal_force
 from models.discretisation import finite_differences, interpolation
@@ -22,7 +22,7 @@ from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
 from models.scene import Dimensionless, Scene
 from models.slow_manifold import ORDERS, Rod, rod_ends, rod_fields
-from models.solution import Fields, failed, newton_failure, relative_change, solution
+from models.solution import Fields, failed, newton_outcome, relative_change, solution
 
 NAME = "cosserat-fd"
 INTERVALS = 40
@@ -37,7 +37,7 @@ LARGEST_CHANGE = 1e-2
 class PrescribedRotation(NamedTuple):
     """The problem of the printed rod at a trial n₁."""
 
-    scene: Array
+    scene: Values
     """`Dimensionless.vector`."""
     rotation: float
     """Trial value of n₁/v."""
@@ -96,7 +96,7 @@ def _solve_on(
         )  # fmt: skip
         iterations += result.iterations
         if result.status is not NewtonStatus.CONVERGED:
-            return newton_failure(scene, NAME, result.status)
+            return failed(scene, NAME, *newton_outcome(result.status))
         fields = result.fields
         updated = problem.twist_rotation(float(rod_ends(problem, result)[1]))
         change, w = abs(updated - w), updated

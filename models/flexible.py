@@ -21,7 +21,7 @@ from models.friction import end_conditions, friction_direction
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
 from models.scene import FRICTION, TENSION_CD, YARN_RADIUS, Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, newton_failure, relative_change, solution
+from models.solution import PROFILE_POINTS, Fields, failed, newton_outcome, relative_change, solution
 
 NAME = "flexible"
 ORDERS = np.array([1, 1, 1])
@@ -33,7 +33,7 @@ PRECISION = 1e-11
 class Flexible(NamedTuple):
     """The problem of the flexible yarn."""
 
-    scene: Array
+    scene: Values
     """`Dimensionless.vector`."""
 
 
@@ -62,7 +62,7 @@ def solve_flexible(scene: Scene) -> Solution:
     problem = scene.dimensionless()
     result, degree, error, iterations = solve_fields(problem)
     if result.status is not NewtonStatus.CONVERGED:
-        return newton_failure(scene, NAME, result.status)
+        return failed(scene, NAME, *newton_outcome(result.status))
     if error is None:
         text = f"the solution is not resolved by a polynomial of degree {degree}"
         return failed(scene, NAME, Outcome.NOT_CONVERGED, text)

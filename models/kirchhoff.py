@@ -32,7 +32,7 @@ NAME = "kirchhoff"
 class Consistent(NamedTuple):
     """The problem of the consistent rod."""
 
-    scene: Array
+    scene: Values
     """`Dimensionless.vector`."""
 
 

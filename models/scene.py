@@ -6,6 +6,7 @@ radius r₀ whose surface moves along its own axis e_z. Source: Yin, Tao, Jasper
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,18 +78,24 @@ class Scene:
 
     def dimensionless(self) -> "Dimensionless":
         """Normalise lengths by r₀, forces by K/r₀², moments by K/r₀ and speeds by v (paper, Eq. 17)."""
-        return Dimensionless(
-            wrap_angle=self.wrap_angle,
-            tension_CD=self.tension_CD / self.force_unit,
-            twist_CD=self.twist_CD * self.cylinder_radius,
-            yarn_radius=self.yarn_radius / self.cylinder_radius,
-            friction=self.friction,
-            cylinder_speed=self.cylinder_speed_ratio,
-            twist_trapping=self.twist_trapping,
-            twist_congestion=self.twist_congestion,
-            span_ratio=self.span_ratio,
-            bending_rigidity=self.rigidity_ratio,
-        )
+        return Dimensionless(**normalised(self))
+
+
+def normalised(scene: Any) -> dict[str, Any]:
+    """The fields of `Dimensionless` from an object with the fields of `Scene`, real or complex."""
+    radius = scene.cylinder_radius
+    return {
+        "wrap_angle": scene.wrap_angle,
+        "tension_CD": scene.tension_CD * radius**2 / scene.torsional_rigidity,
+        "twist_CD": scene.twist_CD * radius,
+        "yarn_radius": scene.yarn_radius / radius,
+        "friction": scene.friction,
+        "cylinder_speed": scene.cylinder_speed_ratio,
+        "twist_trapping": scene.twist_trapping,
+        "twist_congestion": scene.twist_congestion,
+        "span_ratio": scene.span_ratio,
+        "bending_rigidity": scene.rigidity_ratio,
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

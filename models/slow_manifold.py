@@ -23,7 +23,7 @@ from models.discretisation import Discretisation, chebyshev_collocation, interpo
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
 from models.scene import Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, newton_failure, relative_change, solution
+from models.solution import PROFILE_POINTS, Fields, failed, newton_outcome, relative_change, solution
 
 ORDERS = np.array([3, 1, 1])
 """Highest derivatives of the fields θ, p₃/p₃CD and τ."""
@@ -49,16 +49,41 @@ class Rod:
     """N in K/r₀³, shape (n,), from the scene's numbers and the pointwise arguments, shape (8, n)."""
 
 
+@dataclass(frozen=True, slots=True)
+class SlowManifold:
+    """The best polynomial of the search over degrees, or why there is none."""
+
+    outcome: Outcome
+    message: str
+    stats: Stats
+    degree: int = 0
+    result: BoundaryValueResult | None = None
+    error: Array | None = None
+    """Change of p₃AB, T_AB and θ_B from the degree before, shape (3,)."""
+
+
 def solve_slow_manifold(scene: Scene, rod: Rod) -> Solution:
     """Solve by collocation of rising degree from the flexible yarn's solution. The outcome says what happened."""
     problem = scene.dimensionless()
+    found = search(problem, rod)
+    if found.result is None or found.error is None:
+        return failed(scene, rod.name, found.outcome, found.message, stats=found.stats)
+    discretisation = chebyshev_collocation(found.degree, problem.wrap_angle)
+    to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
+    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
+    fields = rod_fields(problem, rod, discretisation, found.result, psi, to_profile)
+    return solution(scene, rod.name, fields, found.error, found.stats)
+
+
+def search(problem: Dimensionless, rod: Rod) -> SlowManifold:
+    """Raise the degree while the ends settle."""
     start, _, error, iterations = flexible.solve_fields(problem)
     if error is None:
         text = f"the flexible start failed ({start.status.text})"
-        return failed(scene, rod.name, Outcome.NOT_CONVERGED, text)
-    best: tuple[float, int, BoundaryValueResult, Array, float] | None = None
+        return SlowManifold(Outcome.NOT_CONVERGED, text, Stats(iterations))
+    best: SlowManifold | None = None
+    smallest_change = last_change = np.inf
     previous: Array | None = None
-    last_change = np.inf
     result: BoundaryValueResult | None = None
     condition = np.inf
     for degree in DEGREES:
@@ -75,27 +100,26 @@ def solve_slow_manifold(scene: Scene, rod: Rod) -> Solution:
         ends = rod_ends(problem, result)
         if previous is not None:
             change = relative_change(ends, previous)
-            if best is None or change < best[0]:
-                best = change, degree, result, ends - previous, condition
+            if change < smallest_change:
+                smallest_change = change
+                stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1, condition)
+                best = SlowManifold(Outcome.CONVERGED, "", stats, degree, result, ends - previous)
             if change < PRECISION or change > 2 * last_change:
                 break
             last_change = change
         previous = ends
     assert result is not None
+    separation = Outcome.NO_SCALE_SEPARATION
     if best is None:
         if result.status is not NewtonStatus.CONVERGED:
-            return newton_failure(scene, rod.name, result.status)
-        text = f"{Outcome.NO_SCALE_SEPARATION.value} (condition number {condition:.1e} at the lowest degrees)"
-        return failed(scene, rod.name, Outcome.NO_SCALE_SEPARATION, text)
-    change, degree, result, error, condition = best
-    stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1, condition)
-    if change > LARGEST_CHANGE:
-        text = f"{Outcome.NO_SCALE_SEPARATION.value} (the ends change by {change:.1e} between degrees)"
-        return failed(scene, rod.name, Outcome.NO_SCALE_SEPARATION, text, stats=stats)
-    discretisation = chebyshev_collocation(degree, problem.wrap_angle)
-    to_profile = interpolation(degree, PROFILE_POINTS - 1, even=True)
-    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
-    return solution(scene, rod.name, rod_fields(problem, rod, discretisation, result, psi, to_profile), error, stats)
+            outcome, text = newton_outcome(result.status)
+            return SlowManifold(outcome, text, Stats(iterations))
+        text = f"{separation.value} (condition number {condition:.1e} at the lowest degrees)"
+        return SlowManifold(separation, text, Stats(iterations, condition=condition))
+    if smallest_change > LARGEST_CHANGE:
+        text = f"{separation.value} (the ends change by {smallest_change:.1e} between degrees)"
+        return SlowManifold(separation, text, best.stats)
+    return best
 
 
 def rod_ends(scene: Dimensionless, result: BoundaryValueResult) -> Array:

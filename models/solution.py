@@ -100,10 +100,10 @@ def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stat
     )
 
 
-def newton_failure(scene: Scene, model: str, status: NewtonStatus) -> Solution:
-    """The failed solution for a Newton iteration that did not converge."""
+def newton_outcome(status: NewtonStatus) -> tuple[Outcome, str]:
+    """The outcome and the message for a Newton iteration that did not converge."""
     outcome = Outcome.SINGULAR if status is NewtonStatus.SINGULAR else Outcome.NOT_CONVERGED
-    return failed(scene, model, outcome, f"{outcome.value} ({status.text})")
+    return outcome, f"{outcome.value} ({status.text})"
 
 
 def failed(

@@ -5,7 +5,7 @@ import math
 import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from models.outcome import Ends, Solution
 from models.scene import Scene
+from models.sensitivity import sensitivities
 from models.solve import MODELS
 from pipeline.case import Case
 from pipeline.errors import InputError, nearest
@@ -54,18 +55,14 @@ def input_uncertainty(scene: Scene, input_u: Mapping[str, float], model: str) ->
     Returns
     -------
     Ends
-        In SI; NaN where no input uncertainty is stated or a neighbouring solve fails.
+        In SI; NaN where no input uncertainty is stated or the model has no solution.
     """
+    slopes = sensitivities(scene, model)
     stated = {field: u for field, u in input_u.items() if u > 0}
-    if not stated:
+    if not stated or slopes is None:
         return Ends()
-    variance = np.zeros(3)
-    for field, u in stated.items():
-        value = getattr(scene, field)
-        up, down = (MODELS[model](replace(scene, **{field: value + sign * u / 10})) for sign in (1, -1))
-        change = (np.array(astuple(up.ends)) - np.array(astuple(down.ends))) / 2 * 10
-        variance += change**2
-    return Ends(*map(float, np.sqrt(variance)))
+    terms = np.array([np.array(astuple(slopes[field])) * u for field, u in stated.items()])
+    return Ends(*map(float, np.sqrt(np.sum(terms**2, axis=0))))
 
 
 @dataclass(frozen=True, slots=True)
