@@ -1,13 +1,19 @@
-"""Files that are there whole or not at all."""
+"""Files and folders that are there whole or not at all."""
 
+import ctypes
 import os
+import shutil
+import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
 
 from pipeline.errors import InputError
+
+_AT_FDCWD = -100
+_RENAME_EXCHANGE = 2
 
 
 @contextmanager
@@ -31,3 +37,87 @@ def whole_file(path: Path) -> Iterator[TextIO]:
     except BaseException:
         os.unlink(name)
         raise
+
+
+@contextmanager
+def whole_folder(folder: Path, contents: Collection[str], kind: str) -> Iterator[Path]:
+    """Give an empty folder beside `folder`, which takes the place of `folder` if the block ends well.
+
+    An earlier one stays as it was until then, also if the process is killed. What a killed process left is removed by
+    the next call for the same place.
+
+    Parameters
+    ----------
+    contents : names of the files and folders that such a folder may hold.
+    kind : what such a folder is called, for messages.
+
+    Raises
+    ------
+    InputError
+        If `folder` holds something else, or cannot be written.
+    """
+    folder = Path(os.path.abspath(folder))
+    _refuse_strangers(folder, contents, kind)
+    part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        _clear_leftovers(folder)
+        part.mkdir()
+    except OSError as error:
+        right = "a place where a folder can be made is needed: see --out"
+        raise InputError(folder, f"cannot be written ({error.strerror})", right) from error
+    try:
+        yield part
+        _refuse_strangers(folder, contents, kind)
+        if folder.exists():
+            _exchange(part, folder)
+        else:
+            part.rename(folder)
+    finally:
+        # What lies here now is the earlier folder, or an unfinished one.
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _refuse_strangers(folder: Path, contents: Collection[str], kind: str) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise InputError(folder, "a file, not a folder", f"a {kind} folder, or a new one, is needed")
+    strangers = sorted(p.name for p in folder.glob("*") if p.name not in contents)
+    if strangers:
+        right = f"a new or empty folder, or one that holds a {kind} only, is needed: it is replaced whole"
+        raise InputError(folder, f"holds {strangers[0]!r}, which is not part of a {kind}", right)
+
+
+def _clear_leftovers(folder: Path) -> None:
+    """Remove the unfinished folders of processes that are no more; put back an earlier one that they had set aside."""
+    aside = folder.with_name(f".{folder.name}.earlier")
+    if aside.exists() and not folder.exists():
+        aside.rename(folder)
+    shutil.rmtree(aside, ignore_errors=True)
+    for left in folder.parent.glob(f".{folder.name}.part-*"):
+        if not _alive(int(left.name.rpartition("-")[2])):
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _alive(process: int) -> bool:
+    if process == os.getpid():
+        return False  # a folder of this number is a namesake's
+    with suppress(ProcessLookupError):
+        os.kill(process, 0)
+        return True
+    return False
+
+
+def _exchange(part: Path, folder: Path) -> None:
+    """Let the two folders change places."""
+    if sys.platform == "linux":
+        # One step for the file system, so that no moment is without a folder: renameat2(2).
+        libc = ctypes.CDLL(None, use_errno=True)
+        if hasattr(libc, "renameat2") and not libc.renameat2(
+            _AT_FDCWD, os.fsencode(part), _AT_FDCWD, os.fsencode(folder), _RENAME_EXCHANGE
+        ):
+            return
+    # Two steps elsewhere; `_clear_leftovers` mends a stop between them.
+    aside = folder.with_name(f".{folder.name}.earlier")
+    folder.rename(aside)
+    part.rename(folder)
+    shutil.rmtree(aside, ignore_errors=True)

@@ -19,12 +19,13 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
 
 from pipeline.records import Array, Quantity
 from pipeline.report import tables
 
 _STYLE = str(Path(__file__).with_name("yarnval.mplstyle"))
-_styled = matplotlib.rc_context(fname=_STYLE)
+styled = matplotlib.rc_context(fname=_STYLE)
 
 MEASURED = "#000000"
 PAPER = "#6e6e6e"
@@ -46,16 +47,22 @@ def _look(model: str) -> tuple[str, str, object]:
     return _LOOK.get(model, _OTHER)
 
 
-def _figure(tree: xr.DataTree, caption: str, *, height: float = 3.8) -> Figure:
+def captioned(caption: str, *, height: float = 3.8) -> Figure:
+    """An empty figure of the page's width."""
     figure = Figure(figsize=(5.4, height))
     figure.set_label(caption)
+    return figure
+
+
+def _figure(tree: xr.DataTree, caption: str, *, height: float = 3.8) -> Figure:
+    figure = captioned(caption, height=height)
     if tree.attrs["synthetic"]:
         # A figure travels without its page: the word travels with it.
         figure.suptitle("SYNTHETIC DATA", x=0.99, ha="right", fontsize=10, color=FLAGGED, weight="bold")
     return figure
 
 
-@_styled
+@styled
 def measured_against_models(tree: xr.DataTree, quantity: str) -> Figure:
     """Figure 13: per case the measured mean with its uncertainty, each model, and the source's own simulation."""
     q = Quantity(quantity)
@@ -101,7 +108,7 @@ def _comparison_caption(q: Quantity, cases: list[str], models: list[str], data: 
     return text
 
 
-@_styled
+@styled
 def profiles(tree: xr.DataTree, case: str) -> Figure:
     """Tension, twist, angle and moments along the contact of one case, a line a model."""
     panels = (
@@ -136,7 +143,7 @@ def _solved(tree: xr.DataTree, case: str) -> dict[str, xr.Dataset]:
     return {m: group[m].to_dataset() for m in tables.models(tree) if m in group.children and "theta" in group[m]}
 
 
-@_styled
+@styled
 def path(tree: xr.DataTree, case: str) -> Figure:
     """The yarn on the cylinder in three dimensions, in mm, a line a model."""
     solved = _solved(tree, case)
@@ -151,21 +158,32 @@ def path(tree: xr.DataTree, case: str) -> Figure:
     some = next(iter(solved.values())).attrs
     radius, wrap = some["scene_cylinder_radius"] * 1e3, some["scene_wrap_angle"]
     heights = [float(h) * 1e3 for data in solved.values() for h in (data["z"].min(), data["z"].max())]
-    low, high = min(heights) - 0.25 * radius, max(heights) + 0.25 * radius
+    draw_cylinder(axes, radius, wrap, (min(heights), max(heights)), "mm")
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
+
+
+def draw_cylinder(axes: Axes3D, radius: float, wrap: float, heights: tuple[float, float], unit: str) -> None:
+    """The cylinder's surface a little beyond the contact, and axes of equal scale.
+
+    Parameters
+    ----------
+    wrap : contact angle [rad].
+    heights : lowest and highest z of what lies on it, in `unit` like `radius`.
+    """
+    low, high = heights[0] - 0.25 * radius, heights[1] + 0.25 * radius
     around, along = np.meshgrid(np.linspace(-0.4, wrap + 0.4, 33), [low, high])
     x, y = radius * np.cos(around), radius * np.sin(around)
     axes.plot_surface(x, y, along, color="#cfcfcf", alpha=0.35, linewidth=0, shade=False)
     axes.set_aspect("equal")
     axes.view_init(elev=22, azim=math.degrees(wrap / 2) + 20)
-    for axis, label in ((axes.xaxis, "x (mm)"), (axes.yaxis, "y (mm)"), (axes.zaxis, "z (mm)")):
+    for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y"), (axes.zaxis, "z")):
         axis.set_major_locator(MaxNLocator(4))
-        axis.set_label_text(label)
+        axis.set_label_text(f"{name} ({unit})")
         axis.labelpad = 8
-    figure.legend(loc="outside upper left", ncols=2)
-    return figure
 
 
-@_styled
+@styled
 def error_against_speed(tree: xr.DataTree) -> Figure:
     """RMS error of each model and quantity against its median time per solve."""
     table = tables.speed_against_error(tree)
@@ -197,7 +215,7 @@ def error_against_speed(tree: xr.DataTree) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def tension_trace(tree: xr.DataTree, case: str, log: int) -> Figure:
     """One tension log: the trace, the window of the statistics, the mean, and a lane of marks for each flag."""
     data = tree[f"measured/{case}/tension_{log}"].to_dataset()
@@ -263,7 +281,7 @@ def _extremes(time: Array, value: Array) -> tuple[Array, Array]:
     return time[kept], value[kept]
 
 
-@_styled
+@styled
 def clip_series(tree: xr.DataTree, case: str, clip: int) -> Figure:
     """Angle, twist and diameter in every frame of one clip, and their distributions."""
     data = tree[f"measured/{case}/yarn_{clip}"].to_dataset()
@@ -301,7 +319,7 @@ def clip_series(tree: xr.DataTree, case: str, clip: int) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def contact_sheet(tree: xr.DataTree, case: str, clip: int) -> Figure:
     """Frames of one clip with the axis, the edges and the twist that were found in them."""
     data = tree[f"measured/{case}/yarn_{clip}"].to_dataset()
@@ -337,7 +355,7 @@ def _found(axes: Axes, shot: xr.Dataset) -> None:
                         color="#E69F00", linestyle=style, linewidth=1.2)  # fmt: skip
 
 
-@_styled
+@styled
 def to_svg(figure: Figure, name: str) -> str:
     """The figure as SVG: the same bytes for the same data, ids that start with `name`, the caption as its label."""
     buffer = io.StringIO()
@@ -351,12 +369,17 @@ def to_svg(figure: Figure, name: str) -> str:
 
 def show(figure: Figure, name: str) -> None:
     """Save the figure as figures/NAME.svg beside the notebook and display it with its caption."""
+    data, metadata = save(figure, name, Path())
+    display(data, metadata=metadata, raw=True)
+
+
+def save(figure: Figure, name: str, folder: Path) -> tuple[dict[str, str], dict[str, dict[str, str]]]:
+    """Save the figure as figures/NAME.svg in `folder`; return data and metadata of the output that shows it."""
     svg = to_svg(figure, name)
-    folder = Path("figures")
-    folder.mkdir(exist_ok=True)
-    (folder / f"{name}.svg").write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{svg}', encoding="utf-8")
-    display(
+    (folder / "figures").mkdir(exist_ok=True)
+    path = folder / "figures" / f"{name}.svg"
+    path.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{svg}', encoding="utf-8")
+    return (
         {"image/svg+xml": svg, "text/plain": f"figures/{name}.svg"},
-        metadata={"image/svg+xml": {"name": name, "caption": str(figure.get_label())}},
-        raw=True,
+        {"image/svg+xml": {"name": name, "caption": str(figure.get_label())}},
     )

@@ -48,9 +48,7 @@ def build(tree: xr.DataTree) -> NotebookNode:
     cells: list[NotebookNode] = []
 
     def heading(level: int, name: str, text: str, words: str) -> None:
-        cell = nbformat.v4.new_markdown_cell(f"{'#' * level} {_plain(text)}\n\n{words}".strip(), id=name)
-        cell.metadata["heading"] = {"level": level, "text": text}
-        cells.append(cell)
+        cells.append(heading_cell(level, name, text, words))
 
     def call(code: str) -> None:
         cells.append(nbformat.v4.new_code_cell(code, id=f"call-{len(cells)}"))
@@ -110,6 +108,13 @@ def build(tree: xr.DataTree) -> NotebookNode:
     notebook = nbformat.v4.new_notebook(cells=cells)
     notebook.metadata["title"] = tree.attrs["title"]
     return notebook
+
+
+def heading_cell(level: int, name: str, text: str, words: str) -> NotebookNode:
+    """A heading of the page with the words below it (Markdown); `name` is its anchor."""
+    cell = nbformat.v4.new_markdown_cell(f"{'#' * level} {_plain(text)}\n\n{words}".strip(), id=name)
+    cell.metadata["heading"] = {"level": level, "text": text}
+    return cell
 
 
 def _raw(

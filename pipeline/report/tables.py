@@ -269,24 +269,26 @@ def _and(words: list[str]) -> str:
 def number(value: float, decimals: int, *, why_missing: str, signed: bool = False) -> str:
     """A rounded number as HTML that keeps its full precision in `value`; where there is none, a dash that says why."""
     if math.isnan(value):
-        return _dash(why_missing)
+        return dash(why_missing)
     text = f"{value:{'+' if signed else ''}.{decimals}f}".replace("-", "−")
     return f'<data value="{value!r}">{text}</data>'
 
 
-def _dash(why: str) -> str:
+def dash(why: str) -> str:
+    """A dash as HTML that says why there is no number."""
     return f'<abbr title="{escape(why)}">–</abbr>'
 
 
 def _verdict(value: bool | None, why_missing: str) -> str:
-    return _dash(why_missing) if value is None else "yes" if value else "no"
+    return dash(why_missing) if value is None else "yes" if value else "no"
 
 
-def _remark(text: str) -> str:
+def remark(text: str) -> str:
+    """Words in a cell that may take several lines."""
     return f'<div class="remark">{escape(text)}</div>'
 
 
-def _html(rows: Sequence[dict[str, str]], caption: str, headers: int) -> str:
+def html_table(rows: Sequence[dict[str, str]], caption: str, headers: int) -> str:
     """Table whose first `headers` columns head its rows, merged where they repeat, in a container that scrolls.
 
     Cells are HTML already.
@@ -353,7 +355,7 @@ def table2_html(tree: xr.DataTree) -> str:
                 "|E| < u_val": _verdict(error_below_u_val(row), unstated if row.missing_u else unsolved),
             }
         )
-    return _html(cells, "Table 2. Models (S) against measurement (M)", 7)
+    return html_table(cells, "Table 2. Models (S) against measurement (M)", 7)
 
 
 def speed_html(tree: xr.DataTree) -> str:
@@ -370,7 +372,7 @@ def speed_html(tree: xr.DataTree) -> str:
         }
         for row in speed_against_error(tree).to_dict(orient="records")
     ]
-    return _html(cells, "Accuracy and speed of the models", 3)
+    return html_table(cells, "Accuracy and speed of the models", 3)
 
 
 def measured_html(tree: xr.DataTree) -> str:
@@ -390,10 +392,10 @@ def measured_html(tree: xr.DataTree) -> str:
                     "u": number(float(row["u_D"]), decimals + 1, why_missing=why),
                     "Samples": number(float(row["n"]), 0, why_missing=why),
                     "Effective": number(float(row["n_eff"]), 1, why_missing=why),
-                    "Remark": _remark(str(row["reason"].item())),
+                    "Remark": remark(str(row["reason"].item())),
                 }
             )
-    return _html(cells, "Measured values", 2)
+    return html_table(cells, "Measured values", 2)
 
 
 def solves_html(tree: xr.DataTree) -> str:
@@ -418,15 +420,15 @@ def solves_html(tree: xr.DataTree) -> str:
                     "n₁ (1/s)": number(float(row["rotation"]), 2, why_missing=why),
                     "Smallest N (N/m)": number(float(row["normal_force_min"]), 1, why_missing=why),
                     "Wall, ms": number(float(row["wall"]) * 1e3, 3, why_missing="not timed"),
-                    "Message": _remark(str(row["message"].item())),
+                    "Message": remark(str(row["message"].item())),
                 }
             )
-    return _html(cells, "Solves and their numerical evidence", 2)
+    return html_table(cells, "Solves and their numerical evidence", 2)
 
 
 def _scientific(value: float, why_missing: str) -> str:
     if math.isnan(value):
-        return _dash(why_missing)
+        return dash(why_missing)
     return f'<data value="{value!r}">{value:.1e}</data>'
 
 

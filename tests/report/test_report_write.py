@@ -16,7 +16,7 @@ import nbformat
 import pytest
 import report_study
 
-from pipeline import store
+from pipeline import atomic, store
 from pipeline.errors import InputError
 from pipeline.report import notebook, tables, write
 
@@ -203,7 +203,7 @@ def test_exchange_in_two_steps_where_the_system_has_no_other(tmp_path, monkeypat
     earlier(tmp_path / "made-up")
     (tmp_path / "part").mkdir()
     (tmp_path / "part" / "report.html").write_text("the new report")
-    write._exchange(tmp_path / "part", tmp_path / "made-up")
+    atomic._exchange(tmp_path / "part", tmp_path / "made-up")
     assert contents(tmp_path / "made-up") == {"report.html": b"the new report"}
     assert [p.name for p in tmp_path.iterdir()] == ["made-up"]
 
