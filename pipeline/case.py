@@ -11,7 +11,7 @@ from pathlib import Path
 
 from models.scene import Scene
 from models.solve import MODELS
-from pipeline.errors import InputError, nearest
+from pipeline.errors import InputError, nearest, refuse_unknown
 from pipeline.keys import CaseKeys, RawKeys, SceneKeys, StudyKeys, TensionKeys, read_toml, validated
 from pipeline.records import Measured, Quantity, Scale
 
@@ -122,9 +122,9 @@ def load_study(path: Path) -> Study:
         for twice in (name for name in given if given.count(name) > 1):
             raise InputError(file, f"the {what} '{twice}' is named twice", "name it once")
     for model in [*keys.models, *keys.bounds, *(e.model for e in keys.exceptions)]:
-        _known(file, "model", model, list(MODELS))
+        refuse_unknown(file, "model", model, list(MODELS))
     for name in [*keys.fitted.cases, *(e.case for e in keys.exceptions)]:
-        _known(file, "case", name, keys.cases)
+        refuse_unknown(file, "case", name, keys.cases)
     cases = tuple(load_case(path / name / "case.toml") for name in keys.cases)
     bounds: dict[tuple[str, str, Quantity], Bound] = {}
     for model, by_quantity in keys.bounds.items():
@@ -222,8 +222,3 @@ def _quantity(file: Path, table: str, name: str) -> Quantity:
     except ValueError:
         known = [quantity.value for quantity in Quantity]
         raise InputError(f"{file}: [{table}]", f"unknown quantity '{name}'", nearest(name, known)) from None
-
-
-def _known(file: Path, what: str, name: str, known: list[str]) -> None:
-    if name not in known:
-        raise InputError(file, f"unknown {what} '{name}'", nearest(name, known))

@@ -156,6 +156,34 @@ def predict(
     return 1 if failed else 0
 
 
+@app.command(epilog="Example: yarnval sweep data_samples/sweeps/yin2020_section3.toml --out reports")
+def sweep(
+    file: Annotated[Path, typer.Argument(help="SWEEP.toml.", metavar="SWEEP.toml")],
+    out: Annotated[Path, typer.Option(help="Folder that gets the sweep's folder.")] = Path("reports"),
+    as_json: Json = False,
+) -> int:
+    """Vary one parameter at a time: tables, figures and a page, beside the numbers that a source quotes.
+
+    Exit 1 if a solve failed; its row stays in the tables with the reason.
+    """
+    from pipeline.report.sweep import document, failure, write_sweep
+    from pipeline.sweep import load_sweep, run_sweep
+
+    given = load_sweep(file)
+    folder = out / given.name
+    with _status(f"sweeping {given.name}"):
+        rows = run_sweep(given)
+        write_sweep(given, rows, folder)
+    if as_json:
+        _print_json(document(given, rows))
+    else:
+        print(folder / "sweep.html")
+    failed = [row for row in rows if not row.ok]
+    for row in failed:
+        print(f"{file}: {failure(row)}", file=sys.stderr)
+    return 1 if failed else 0
+
+
 @app.command(
     epilog="Example: yarnval measure data_samples/rig/case1/clip.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )

@@ -30,3 +30,9 @@ def nearest(name: str, known: list[str]) -> str:
     """Say which known name an unknown one was probably meant to be, or list the known ones."""
     close = get_close_matches(name, known, n=1)
     return f"did you mean '{close[0]}'?" if close else f"known: {', '.join(sorted(known))}"
+
+
+def refuse_unknown(where: str | Path, what: str, name: str, known: list[str]) -> None:
+    """Raise an `InputError` that names the nearest known name, unless `name` is a known one."""
+    if name not in known:
+        raise InputError(where, f"unknown {what} '{name}'", nearest(name, known))

@@ -80,19 +80,24 @@ class SceneKeys(Keys):
         ValueError
             If a value has no physical meaning; the message names the key as the user wrote it.
         """
-        values, uncertainties = {}, {}
-        for key, (field, to_si) in _SCENE_FIELDS.items():
-            given: Uncertain = getattr(self, key)
-            values[field] = given.value * to_si
-            if math.isfinite(given.standard_uncertainty):
-                uncertainties[field] = given.standard_uncertainty * to_si
-        try:
-            return Scene(**values), uncertainties
-        except ValueError as error:
-            field = str(error).split(" = ", 1)[0]
-            key = next(key for key, (name, _) in _SCENE_FIELDS.items() if name == field)
-            right = str(error).split(": ", 1)[1]
-            raise ValueError(f"{key} = {getattr(self, key).value:g}: {right}") from None
+        given: dict[str, Uncertain] = {key: getattr(self, key) for key in _SCENE_FIELDS}
+        uncertainties = {
+            field: given[key].standard_uncertainty * to_si
+            for key, (field, to_si) in _SCENE_FIELDS.items()
+            if math.isfinite(given[key].standard_uncertainty)
+        }
+        return _scene({key: number.value for key, number in given.items()}, _SCENE_FIELDS), uncertainties
+
+
+def _scene(given: Mapping[str, float], keys: Mapping[str, tuple[str, float]], **fixed: float) -> Scene:
+    """The scene of values by key; a value without meaning is a ValueError that names the key as the user wrote it."""
+    try:
+        return Scene(**fixed, **{field: given[key] * to_si for key, (field, to_si) in keys.items()})
+    except ValueError as error:
+        field = str(error).split(" = ", 1)[0]
+        key = next(key for key, (name, _) in keys.items() if name == field)
+        right = str(error).split(": ", 1)[1]
+        raise ValueError(f"{key} = {given[key]:g}: {right}") from None
 
 
 _SCENE_FIELDS: Mapping[str, tuple[str, float]] = {
@@ -216,11 +221,111 @@ class StudyKeys(Keys):
     fitted: FittedKeys = FittedKeys()
 
 
+StrictNumber = Annotated[float, Field(strict=True)]
+"""A number that is written as one: no string, no boolean."""
+
+
+class DimensionlessKeys(Keys):
+    """A scene in the paper's normalised numbers: lengths in r₀, forces in K/r₀², speeds in v (Eq. 17)."""
+
+    phi_deg: StrictNumber
+    mu: StrictNumber
+    R0_bar: StrictNumber
+    T_CD_bar: StrictNumber
+    p3_CD_bar: StrictNumber
+    vb_over_v: StrictNumber
+    k: StrictNumber = 1
+    eta: StrictNumber = 1
+    lAB_over_lCD: StrictNumber = 1
+    B_over_K: StrictNumber = 1.3
+
+    def scene(self) -> Scene:
+        """The scene with r₀ = K = v = 1, whose SI numbers are the normalised ones.
+
+        Raises
+        ------
+        ValueError
+            As `SceneKeys.scene`.
+        """
+        return _scene(dict(self), _DIMENSIONLESS_FIELDS, cylinder_radius=1, torsional_rigidity=1, delivery_speed=1)
+
+
+_DIMENSIONLESS_FIELDS: Mapping[str, tuple[str, float]] = {
+    "R0_bar": ("yarn_radius", 1.0),
+    "T_CD_bar": ("twist_CD", 1.0),
+    "p3_CD_bar": ("tension_CD", 1.0),
+} | {
+    key: _SCENE_FIELDS[key] for key in ("phi_deg", "mu", "vb_over_v", "k", "eta", "lAB_over_lCD", "B_over_K")
+}  # fmt: skip
+"""Key → field of `Scene` and SI units per unit of the key."""
+
+
+class SetKeys(Keys):
+    """One pair of propagation coefficients, with its origin in words."""
+
+    name: Annotated[str, Field(min_length=1)]
+    k: StrictNumber
+    eta: StrictNumber
+    note: str
+
+
+class ParameterKeys(Keys):
+    """One parameter study: a key of the scene and the values that it takes."""
+
+    name: Annotated[str, Field(min_length=1)]
+    parameter: str
+    values: Annotated[list[StrictNumber], Field(min_length=1)]
+    figure: Name
+    paths: bool = False
+    """Whether the yarn's path on the cylinder is drawn for each value."""
+    note: str = ""
+
+
+class QuotedKeys(Keys):
+    """A number that the source gives for one value of one study."""
+
+    study: str
+    value: StrictNumber
+    quantity: str
+    published: StrictNumber
+    where: str = ""
+
+
+class SweepKeys(Keys):
+    """A sweep file."""
+
+    name: Name
+    title: str
+    source: str
+    notes: list[str] = []
+    models: Annotated[list[str], Field(min_length=1)]
+    source_model: str
+    """The model that the figures show and the quoted numbers are of."""
+    scene: dict[str, Any] | None = None
+    """Keys of `SceneKeys`."""
+    dimensionless: dict[str, Any] | None = None
+    """Keys of `DimensionlessKeys`."""
+    sets: Annotated[list[SetKeys], Field(min_length=1)]
+    studies: Annotated[list[ParameterKeys], Field(min_length=1)]
+    relation_figure: Name | None = None
+    """Name of the figure of bending against torsional moment, if it is wanted."""
+    quoted: list[QuotedKeys] = []
+
+    @model_validator(mode="after")
+    def _one_base(self) -> "SweepKeys":
+        if (self.scene is None) == (self.dimensionless is None):
+            raise ValueError("give the base scene as [scene] (SI keys) or as [dimensionless], not both or neither")
+        return self
+
+
 Validated = TypeVar("Validated", bound=Keys)
 
 
-def read_toml(file: Path) -> dict[str, Any]:
-    """Read a TOML file.
+_STUDY_FILES = "a study needs study.toml, and case.toml in each case's folder"
+
+
+def read_toml(file: Path, missing: str = _STUDY_FILES) -> dict[str, Any]:
+    """Read a TOML file; `missing` says what to give where there is none.
 
     Raises
     ------
@@ -230,15 +335,14 @@ def read_toml(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        right = "a study needs study.toml, and case.toml in each case's folder"
-        raise InputError(file, "no such file", right) from None
+        raise InputError(file, "no such file", missing) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(file, f"not TOML: {error}", "mend that line (UTF-8 text, strings in quotes)") from None
     except OSError as error:
         raise InputError(file, f"cannot be read ({error.strerror})", "give a readable TOML file") from None
 
 
-def validated(kind: type[Validated], given: dict[str, Any], file: Path) -> Validated:
+def validated(kind: type[Validated], given: dict[str, Any], file: Path | str) -> Validated:
     """Validate, turning the first complaint into one line that names the key."""
     try:
         return kind.model_validate(given)

@@ -291,7 +291,7 @@ def remark(text: str) -> str:
 def html_table(rows: Sequence[dict[str, str]], caption: str, headers: int) -> str:
     """Table whose first `headers` columns head its rows, merged where they repeat, in a container that scrolls.
 
-    Cells are HTML already.
+    Cells are HTML already. No two rows may have the same heads.
     """
     columns = list(rows[0]) if rows else []
     text = [not any("<data" in row[column] for row in rows) for column in columns]

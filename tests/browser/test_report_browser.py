@@ -1,19 +1,24 @@
-"""The page in a real browser: nothing fetched, nothing broken, readable on a phone."""
+"""The pages in a real browser: nothing fetched, nothing broken, readable on a phone."""
 
 import html as html_escape
 import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import report_study
 
+from pipeline.report.sweep import write_sweep
 from pipeline.report.write import write_report
+from pipeline.sweep import load_sweep, run_sweep
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium, chromium-browser or google-chrome is installed")
+SECTION_3 = Path(__file__).parents[2] / "data_samples/sweeps/yin2020_section3.toml"
 
 # Appended to a copy of the page: the browser measures the page and writes what it found into the document.
 PROBE = """
@@ -67,12 +72,12 @@ def browse(page: Path, profile: Path, *arguments: str) -> subprocess.CompletedPr
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-def test_the_page_stands_in_a_browser(report, tmp_path, width):
-    page = (report / "report.html").read_text(encoding="utf-8")
-    (tmp_path / "probe.html").write_text(page.replace("</body>", f"{PROBE}</body>"), encoding="utf-8")
-    (tmp_path / "frame.html").write_text(FRAME.format(width=width), encoding="utf-8")
-    done = browse(tmp_path / "frame.html", tmp_path / "profile", "--window-size=1400,1000", "--dump-dom")
+def found_in(page: Path, folder: Path, width: int) -> dict[str, Any]:
+    """What the browser finds in a page shown `width` pixels wide; nothing may be written to its console."""
+    html = page.read_text(encoding="utf-8")
+    (folder / "probe.html").write_text(html.replace("</body>", f"{PROBE}</body>"), encoding="utf-8")
+    (folder / "frame.html").write_text(FRAME.format(width=width), encoding="utf-8")
+    done = browse(folder / "frame.html", folder / "profile", "--window-size=1400,1000", "--dump-dom")
     assert "CONSOLE" not in done.stderr
     match = re.search(r'data-found="([^"]*)"', done.stdout)
     assert match, done.stderr
@@ -80,16 +85,38 @@ def test_the_page_stands_in_a_browser(report, tmp_path, width):
     assert found["width"] == width
     assert found["page"] <= width
     assert found["beyond"] == []
-    assert len(found["figures"]) == 13
     assert all(0.8 * min(width, 600) < w <= width and h > 100 for w, h in found["figures"])
-    assert len(found["shots"]) == 8
-    assert all(size > 40 for size in found["shots"])
     assert all(size > 0 for size in found["images"])
     assert found["smallest_text"] >= 8
     assert found["fetched"] == []
     assert found["links"] == 0
+    return found
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_stands_in_a_browser(report, tmp_path, width):
+    found = found_in(report / "report.html", tmp_path, width)
+    assert len(found["figures"]) == 13
+    assert len(found["shots"]) == 8
+    assert all(size > 40 for size in found["shots"])
     if width == 400:
         assert found["scrolls"] >= 4  # the wide tables scroll inside their own containers
+
+
+@pytest.fixture(scope="module")
+def sweep_page(tmp_path_factory):
+    section_3 = replace(load_sweep(SECTION_3), models=("cosserat",))
+    folder = tmp_path_factory.mktemp("browser") / "sweep"
+    write_sweep(section_3, run_sweep(section_3), folder)
+    return folder / "sweep.html"
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_of_a_sweep_stands_in_a_browser(sweep_page, tmp_path, width):
+    found = found_in(sweep_page, tmp_path, width)
+    assert len(found["figures"]) == 9  # Figs 6 to 12, the paths of Fig. 7, the quoted numbers
+    if width == 400:
+        assert found["scrolls"] >= 3
 
 
 def test_the_probe_notices_a_console_message_and_a_wide_page(tmp_path):
