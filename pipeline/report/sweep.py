@@ -36,7 +36,7 @@ Every solve has its row in sweep.csv; one that failed keeps it, with its reason.
 
 
 def write_sweep(sweep: Sweep, rows: Sequence[SweepRow], folder: Path) -> None:
-    """Write sweep.csv, quoted.csv, figures/*.svg and sweep.html to `folder`, whole or not at all.
+    """Write sweep.csv, quoted.csv (where numbers are quoted), figures and sweep.html to `folder`, whole or not at all.
 
     Raises
     ------
@@ -46,7 +46,8 @@ def write_sweep(sweep: Sweep, rows: Sequence[SweepRow], folder: Path) -> None:
     quoted = quoted_rows(sweep, rows)
     with whole_folder(folder, CONTENTS, "sweep") as part:
         _write_csv(part / "sweep.csv", sweep_table(rows))
-        _write_csv(part / "quoted.csv", quoted_table(quoted))
+        if quoted:
+            _write_csv(part / "quoted.csv", quoted_table(quoted))
         page = to_html(_page(sweep, rows, quoted, part))
         (part / "sweep.html").write_text(page, encoding="utf-8")
 
@@ -123,10 +124,9 @@ def _nulls(record: dict[str, object]) -> dict[str, object]:
 
 def _write_csv(path: Path, records: Sequence[dict[str, object]]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
-        if records:
-            writer = csv.DictWriter(file, list(records[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(records)
+        writer = csv.DictWriter(file, list(records[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(records)
 
 
 def statements(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow]) -> list[str]:

@@ -4,6 +4,7 @@ Colour tells the value of the parameter, dashes the set of k and η; everything 
 """
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import Any
 
 import matplotlib
@@ -15,7 +16,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from models.outcome import Solution
 from pipeline.keys import ParameterKeys
 from pipeline.records import Array
-from pipeline.report.figures import MEASURED, captioned, draw_cylinder, styled
+from pipeline.report.figures import FLAGGED, MEASURED, captioned, draw_cylinder, styled
 from pipeline.sweep import QuotedRow, Sweep, SweepRow, dimensionless_profile
 
 LABELS = {
@@ -162,13 +163,16 @@ def relation(sweep: Sweep, rows: Sequence[SweepRow]) -> Figure:
     )
     figure = captioned(caption, height=4.4)
     axes = figure.subplots()
+    if not ratios:
+        axes.text(0.5, 0.5, "no solution", transform=axes.transAxes, ha="center", color=FLAGGED)
+        return figure
     twist = np.geomspace(0.1, 5, 50)
     for ratio in sorted(ratios):
         axes.plot(
             twist, ratio / (2 * np.pi * twist), color=MEASURED, linewidth=1, label=f"across the axis, B = {ratio:g} K"
         )
         axes.plot(ratio / (2 * np.pi), 1, "x", color=MEASURED)
-    for (study, found), marker in zip(solved, _MARKERS, strict=False):
+    for (study, found), marker in zip(solved, cycle(_MARKERS), strict=False):
         points = [row.numbers for row, _ in found if row.pair.name == pair.name and row.numbers["torsion_mean_bar"]]
         axes.plot(
             [abs(p["T_mean_bar"]) for p in points],

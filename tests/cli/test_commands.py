@@ -165,7 +165,7 @@ def test_report_keeps_a_case_that_fails(yarnval, tmp_path):
     assert yarnval("check", study).code == 1
 
 
-@pytest.mark.parametrize("command", ["report", "check", "predict", "measure", "tension"])
+@pytest.mark.parametrize("command", ["report", "check", "predict", "sweep", "measure", "tension"])
 def test_help_has_an_example(yarnval, command):
     ran = yarnval(command, "--help")
     assert ran.code == 0

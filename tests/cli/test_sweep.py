@@ -164,6 +164,16 @@ def test_a_quoted_number_without_a_solution_stays_visible(yarnval, small, tmp_pa
     assert [(a["known"], a["total"]) for a in json.loads(ran.out)["agreement"]] == [(0, 1)] * 2
 
 
+def test_nothing_solved_and_nothing_quoted_is_a_page_too(yarnval, small, tmp_path):
+    edit(small, "values = [30, 60]", "values = [0]")
+    edit(small, SMALL[SMALL.index("[[quoted]]") :], "")
+    ran = yarnval("sweep", small, "--out", tmp_path / "out")
+    assert ran.code == 1
+    folder = tmp_path / "out/small"
+    assert {path.name for path in folder.iterdir()} == page.CONTENTS - {"quoted.csv"}
+    assert "phi_deg = 0: must be greater than 0" in (folder / "sweep.html").read_text(encoding="utf-8")
+
+
 BAD = [
     ('parameter = "phi_deg"', 'parameter = "phi_degrees"', ("wrap angle", "phi_degrees", "did you mean 'phi_deg'?")),
     ('parameter = "phi_deg"', 'parameter = "k"', ("unknown parameter 'k'",)),
