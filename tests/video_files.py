@@ -31,8 +31,23 @@ def write_container(path: Path, frames: np.ndarray, pixels: str, codec: str = "f
         container.mux(stream.encode())
 
 
-def cine_bytes(frames: np.ndarray, bits: int, stamps: list[int], packed: bool = False, nominal: int = 1000) -> bytes:
-    """A minimal .cine file: one block of time stamps (32.32 fixed point) and the frames."""
+def pack_12(frame: np.ndarray) -> bytes:
+    """Two pixels in three bytes, most significant bits first."""
+    a, b = frame.reshape(-1, 2).T.astype(int)
+    return np.stack((a >> 4, (a & 15) << 4 | b >> 8, b & 255), axis=1).astype(np.uint8).tobytes()
+
+
+def pack_10(codes: np.ndarray) -> bytes:
+    """Four pixels in five bytes, most significant bits first."""
+    bits = (codes.reshape(-1, 1) >> np.arange(9, -1, -1)) & 1
+    return np.packbits(bits.astype(np.uint8).reshape(-1)).tobytes()
+
+
+CINE_PACKING = {"": 0, "P10": 256, "P12L": 1024}
+
+
+def cine_bytes(frames: np.ndarray, bits: int, stamps: list[int], packing: str = "", nominal: int = 1000) -> bytes:
+    """A minimal .cine file: one block of time stamps (32.32 fixed point) and the frames; those of P10 are codes."""
     n, rows, columns = frames.shape
     setup = bytearray(1000)
     setup[140:144] = b"ST" + struct.pack("<H", len(setup))
@@ -42,9 +57,8 @@ def cine_bytes(frames: np.ndarray, bits: int, stamps: list[int], packed: bool = 
     table_at = 84 + len(setup) + len(tags)
     images = []
     for frame in frames:
-        if packed:
-            a, b = frame.reshape(-1, 2).T.astype(int)
-            images.append(np.stack((a >> 4, (a & 15) << 4 | b >> 8, b & 255), axis=1).astype(np.uint8).tobytes())
+        if packing:
+            images.append((pack_10 if packing == "P10" else pack_12)(frame))
         else:
             images.append(frame[::-1].astype("<u2" if frame.itemsize == 2 else "u1").tobytes())
     at = table_at + 8 * n
@@ -55,9 +69,28 @@ def cine_bytes(frames: np.ndarray, bits: int, stamps: list[int], packed: bool = 
     depth = 8 * frames.itemsize
     header = struct.pack("<2sHHHiIiIIIIQ", b"CI", 44, 0, 1, 0, n, 0, n, 44, 84, table_at, stamps[0] if stamps else 0)
     bitmap = struct.pack(
-        "<IiiHHIIiiII", 40, columns, rows, 1, depth, 1024 if packed else 0, len(images[0]), 45454, 45454, 0, 0
+        "<IiiHHIIiiII", 40, columns, rows, 1, depth, CINE_PACKING[packing], len(images[0]), 45454, 45454, 0, 0
     )
     return header + bitmap + bytes(setup) + tags + table + body
+
+
+CIHX = """!!! This file can not be edited. !!!\0\0CIHX<?xml version="1.0" encoding="utf-8"?>\r
+<cih><imageFileInfo><fileFormat>Mraw</fileFormat></imageFileInfo>
+<imageDataInfo><resolution><width>{columns}</width><height>{rows}</height></resolution>
+<colorInfo><type>Raw</type><bit>{bits}</bit></colorInfo>
+<effectiveBit><depth>{depth}</depth><side>Lower</side></effectiveBit></imageDataInfo>
+<frameInfo><totalFrame>{n}</totalFrame><skipFrame>1</skipFrame></frameInfo>
+<recordInfo><recordRate>1024</recordRate><shutterSpeed>50000</shutterSpeed></recordInfo></cih>\r\n\2\0"""
+
+
+def write_mraw(path: Path, frames: np.ndarray, bits: int, depth: int) -> Path:
+    """A Photron clip of 8, 12 (packed) or 16 bits with its .cihx, which is returned."""
+    data = [pack_12(frame) if bits == 12 else frame.astype("<u2" if bits == 16 else "u1").tobytes() for frame in frames]
+    path.write_bytes(b"".join(data))
+    n, rows, columns = frames.shape
+    header = path.with_suffix(".cihx")
+    header.write_text(CIHX.format(n=n, rows=rows, columns=columns, bits=bits, depth=depth), newline="")
+    return header
 
 
 def write_sequence(folder: Path, frames: np.ndarray, suffix: str, start: int = 1) -> list[Path]:
@@ -77,12 +110,14 @@ def write_clip(folder: Path, kind: str, frames: np.ndarray, bits: int) -> Path:
     path = folder / f"clip.{kind.split(maxsplit=1)[0]}"
     if kind.startswith("cine"):
         stamps = [(1_700_000_000 << 32) + i * (1 << 22) for i in range(len(frames))]
-        path.write_bytes(cine_bytes(frames, bits, stamps, packed="P12L" in kind))
+        path.write_bytes(cine_bytes(frames, bits, stamps, packing=kind.partition(" ")[2]))
     elif kind.startswith("tif"):
         options = {"compression": "zlib", "metadata": None} if "deflate" in kind else {}
         if "big-endian" in kind:
             options = {"byteorder": ">"}
         tifffile.imwrite(path, frames, photometric="minisblack", **options)
+    elif kind.startswith("mraw"):
+        write_mraw(path, frames, 12 if "packed" in kind else 8 * frames.itemsize, bits)
     elif kind.startswith("folder"):
         path = folder / "frames"
         write_sequence(path, frames, kind.split()[1])
@@ -95,6 +130,8 @@ def write_clip(folder: Path, kind: str, frames: np.ndarray, bits: int) -> Path:
 KINDS = {
     "cine": (8, 12, 16),
     "cine P12L": (12,),
+    "mraw": (8, 12, 16),
+    "mraw packed": (12,),
     "tif": (8, 12, 16),
     "tif deflate": (8, 12, 16),
     "tif big-endian": (8, 12, 16),

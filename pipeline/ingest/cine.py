@@ -1,13 +1,18 @@
-"""Phantom .cine files: gray, uncompressed in 8 or 16 bits, or packed as P12L.
+"""Phantom .cine files: gray, uncompressed in 8 or 16 bits, or packed as P12L or P10.
 
 Layout after Vision Research's "Cine File Format": CINEFILEHEADER, BITMAPINFOHEADER, SETUP, tagged blocks, table of
 frame offsets, frames. Only the few fields that a measurement needs are read. pims 0.7 has a reader too; it is the
 tests' second opinion and is not used here, because it turns the time stamps into floats of the local clock, gives P10
 pixels without their look-up table, and raises anything on a damaged header.
+
+P10 holds 12 bits in 10 by the camera's fixed table of 1024 levels (`p10_lut.csv`): about a straight line up to code
+158, then about a power of 2.22. It is the same in every public reader that was found, among them CineFiles.jl (MIT),
+muvi (Apache-2.0), DICe (BSD) and EPICS ADPhantom. In it black lies at 64 and white at 4064.
 """
 
 import struct
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO
 
@@ -16,6 +21,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, check_size, frame_error
+from pipeline.ingest.packed import unpack_10, unpack_12
 from pipeline.records import Array
 
 FILE_HEADER = struct.Struct("<2sHHHiIiIIIIQ")
@@ -28,17 +34,20 @@ FLIP_H, FLIP_V, FRAME_RATE, CFA, ROTATE, REAL_BPP = 756, 760, 768, 808, 884, 896
 
 TIME_TAG = 1002
 UNCOMPRESSED, P10, P12L = 0, 256, 1024
+PACKED_BITS = {P10: 10, P12L: 12}
+NAMES = {P10: "P10", P12L: "P12L"}
+PACKED_DEPTH = 12
+"""Significant bits of packed pixels: P10 has them after its table."""
 RIGHT = "save the cine again in the vendor's software: gray, as 16 bit or P12L"
 
 
 class CineFrames:
     """Frames of a .cine file, each read from the disk when asked for."""
 
-    def __init__(self, path: Path, offsets: NDArray[np.uint64], shape: tuple[int, int], bit_count: int, packed: bool):
+    def __init__(self, path: Path, offsets: NDArray[np.uint64], shape: tuple[int, int], bit_count: int, packing: int):
         self._path, self._offsets, self._shape = path, offsets, shape
-        self._bit_count, self._packed = bit_count, packed
-        pixels = shape[0] * shape[1]
-        self._size = pixels * 3 // 2 if packed else pixels * bit_count // 8
+        self._bit_count, self._packing = bit_count, packing
+        self._size = shape[0] * shape[1] * PACKED_BITS.get(packing, bit_count) // 8
 
     def __len__(self) -> int:
         return len(self._offsets)
@@ -62,8 +71,10 @@ class CineFrames:
             data = file.read(size)
         if len(data) < size:
             raise frame_error(self._path, index, f"cut short: {len(data)} of {size} bytes")
-        if self._packed:
+        if self._packing == P12L:
             return unpack_12(np.frombuffer(data, np.uint8)).reshape(self._shape)
+        if self._packing == P10:
+            return p10_levels()[unpack_10(np.frombuffer(data, np.uint8))].reshape(self._shape)
         if self._bit_count == 8:
             return np.ascontiguousarray(np.frombuffer(data, np.uint8).reshape(self._shape)[::-1])
         # Uncompressed rows are stored bottom-up, as in every Windows bitmap; packed ones top-down.
@@ -93,10 +104,10 @@ def open_cine(path: Path) -> Clip:
 
     _check_pixels(path, compression, packing, bit_count, _word(setup, CFA))
     check_size(rows, columns, path)
-    if packing == P12L and rows * columns % 2:
-        raise InputError(path, f"an odd number of pixels ({columns} × {rows}) packed as P12L", RIGHT)
+    if rows * columns * PACKED_BITS.get(packing, 8) % 8:
+        raise InputError(path, f"{columns} × {rows} pixels, which {NAMES[packing]} cannot pack into bytes", RIGHT)
     metadata = {
-        "format": "cine, P12L" if packing == P12L else f"cine, {bit_count} bit uncompressed",
+        "format": f"cine, {NAMES.get(packing, f'{bit_count} bit uncompressed')}",
         "first_image": str(first_image),
         "trigger_utc": _utc(trigger),
         "nominal_rate": str(_word(setup, FRAME_RATE)),
@@ -109,17 +120,36 @@ def open_cine(path: Path) -> Clip:
         )
     if len(stamps):
         metadata["first_frame_from_trigger_s"] = f"{(int(stamps[0]) - trigger) / 2**32:.9f}"
-    frames = CineFrames(path, offsets, (rows, columns), bit_count, packed=packing == P12L)
-    return Clip(frames, metadata, _bits(setup, 12 if packing == P12L else bit_count), _seconds(stamps))
+    if packing == P10:
+        metadata["levels"] = "12 bit by the camera's table: black lies at 64, white at 4064"
+    frames = CineFrames(path, offsets, (rows, columns), bit_count, packing)
+    bits = PACKED_DEPTH if packing in PACKED_BITS else _bits(setup, bit_count)
+    return Clip(frames, metadata, bits, _seconds(stamps))
 
 
-def unpack_12(packed: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Pairs of 12-bit pixels from triples of bytes, most significant bits first: shape (3n,) to (2n,)."""
-    a, b, c = packed.reshape(-1, 3).T.astype(np.uint16)
-    pixels = np.empty((len(a), 2), np.uint16)
-    pixels[:, 0] = a << 4 | b >> 4
-    pixels[:, 1] = (b & 15) << 8 | c
-    return pixels.reshape(-1)
+def read_clock(path: Path) -> tuple[Array, float]:
+    """The times from the first frame [s], shape (n,), and the nominal rate [1/s] of a .cine or .chd header.
+
+    Raises
+    ------
+    InputError
+        If the header is cut short or contradicts itself; no times are there if it has no whole block of them.
+    """
+    with path.open("rb") as file:
+        end = file.seek(0, 2)
+        header = FILE_HEADER.unpack(_read(path, file, 0, FILE_HEADER.size, "file header"))
+        count, setup_at = header[7], header[9]
+        if header[0] != b"CI":
+            raise InputError(path, "not a cine header, whatever its name says", "copy it again, or take it away")
+        setup = _read_setup(path, file, setup_at)
+        stamps = _read_stamps(file, setup_at + len(setup), end, min(count, MAX_FRAMES, end // 8))
+    return _seconds(stamps), float(_word(setup, FRAME_RATE))
+
+
+@cache
+def p10_levels() -> NDArray[np.uint16]:
+    """The 12-bit level of each 10-bit code of P10, shape (1024,)."""
+    return np.loadtxt(Path(__file__).with_name("p10_lut.csv"), np.uint16, delimiter=",").reshape(-1)
 
 
 def _read(path: Path, file: BinaryIO, at: int, size: int, name: str) -> bytes:
@@ -178,9 +208,7 @@ def _utc(stamp: int) -> str:
 def _check_pixels(path: Path, compression: int, packing: int, bit_count: int, cfa: int) -> None:
     if cfa or bit_count in (24, 48):
         raise InputError(path, "frames of a colour camera", "record with a gray camera, or export in gray")
-    if packing == P10:
-        raise InputError(path, "10 bit packed pixels (P10), whose look-up table is not in the file", RIGHT)
-    if compression or packing not in (UNCOMPRESSED, P12L):
+    if compression or packing not in (UNCOMPRESSED, P10, P12L):
         raise InputError(path, f"compressed frames (compression {compression}, biCompression {packing})", RIGHT)
     if packing == UNCOMPRESSED and bit_count not in (8, 16):
         raise InputError(path, f"{bit_count} bits per pixel", RIGHT)

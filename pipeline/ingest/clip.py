@@ -1,5 +1,6 @@
 """What every video reader hands to `open_video`, and the checks that all of them share."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,10 @@ class Clip:
     """Significant bits of a pixel where the file states them."""
     stamps: Array = field(default_factory=lambda: np.empty(0))
     """Time stamps from the first frame [s], shape (n,); empty where the file has none."""
+    rate: float = math.nan
+    """Recording rate that the header states [1/s], where the format has no time stamps; NaN where it does not."""
+    beside: tuple[Path, ...] = ()
+    """Files beside the named one that the clip was read from, too."""
 
 
 def frame_error(path: Path, index: int, found: str) -> InputError:

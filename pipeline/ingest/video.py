@@ -12,12 +12,15 @@ from pipeline.ingest.cine import open_cine
 from pipeline.ingest.clip import Clip, Pixels
 from pipeline.ingest.container import open_container
 from pipeline.ingest.folder import folder_source, open_folder, open_image
+from pipeline.ingest.photron import open_photron
+from pipeline.ingest.sidecar import with_sidecar
 from pipeline.ingest.source import source
 from pipeline.ingest.tiff import open_tiff
 from pipeline.records import Array, Frames, RawVideo
 
 READABLE = (
-    "readable are Phantom .cine, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, and a folder of PNG, BMP or TIFF images"
+    "readable are Phantom .cine, Photron .mraw with .cihx, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, and a folder of "
+    "PNG, BMP or TIFF images"
 )
 
 Reader = Callable[[Path], Clip]
@@ -30,6 +33,7 @@ READERS: dict[str, tuple[Reader, set[str]]] = {
     "MP4": (open_container, {".mp4", ".m4v", ".mov"}),
     "PNG": (open_image, {".png"}),
     "BMP": (open_image, {".bmp"}),
+    "Photron": (open_photron, {".mraw", ".cihx", ".cih"}),
 }
 
 RATE_TOLERANCE = 0.01
@@ -88,7 +92,12 @@ def open_video(path: Path, *, fps: float | None = None, bits: int | None = None,
         clip, origin = _reader(path)(path), source(path, root)
     if not len(clip.frames):
         raise InputError(path, "a clip without frames", "copy or export the clip again")
+    if not len(clip.stamps):
+        clip = with_sidecar(path, clip)
     metadata = dict(clip.metadata)
+    if clip.beside:
+        files = [source(file) for file in clip.beside]
+        metadata["beside"] = "; ".join(f"{file.name}, SHA-256 {file.sha256}" for file in files)
     time, rate = _times(path, clip, fps, metadata)
     _, image = _first_readable(clip.frames)
     frames = UniformFrames(clip.frames, path, image)
@@ -106,8 +115,9 @@ def _reader(path: Path) -> Reader:
         raise InputError(path, f"cannot be read ({error.strerror})", "give an existing file or folder") from None
     if not head:
         raise InputError(path, "an empty file (0 bytes)", "copy the clip again")
-    kind = _kind(head)
     suffix = path.suffix.lower()
+    # Photron's pixels are bare: only the name tells, and the header beside them.
+    kind = "Photron" if suffix == ".mraw" else _kind(head)
     if kind is None or not any(suffix in suffixes for _, suffixes in READERS.values()):
         what = f"the ending '{path.suffix}'" if kind else "its content"
         raise InputError(path, f"{what} is of no readable kind", READABLE)
@@ -127,6 +137,8 @@ def _kind(head: bytes) -> str | None:
         b"MM\0+": "TIFF",
         b"\x1aE\xdf\xa3": "Matroska",
         b"\x89PNG": "PNG",
+        b"!!! ": "Photron",
+        b"#Cam": "Photron",
     }
     if head[:4] == b"RIFF" and head[8:12] == b"AVI ":
         return "AVI"
@@ -136,15 +148,25 @@ def _kind(head: bytes) -> str | None:
 
 
 def _times(path: Path, clip: Clip, fps: float | None, metadata: dict[str, str]) -> tuple[Array, float]:
-    """Times of the frames and the recording rate: from the stamps if the file has them, else from the caller's rate."""
+    """Times of the frames and the recording rate: from the stamps, else the header's rate, else the caller's."""
     steps = np.diff(clip.stamps)
     step = float(np.median(steps)) if len(steps) else 0.0
+    if step <= 0 and clip.rate > 0:
+        metadata["rate"] = "from the file's header"
+        if fps and abs(fps / clip.rate - 1) > RATE_TOLERANCE:
+            metadata["rate"] += f"; the given rate of {fps:g} 1/s contradicts it and is not used"
+        return np.arange(len(clip.frames)) / clip.rate, clip.rate
     if step <= 0:
         if fps is None:
             stated = metadata.get("playback_rate")
             found = f"no recording rate in the file{f' ({stated} 1/s is for playback)' if stated else ''}"
+            if "times" in metadata:
+                found += f"; {metadata['times']}"
             raise InputError(path, found, "give the recording rate: --fps or fps in case.toml")
         metadata["rate"] = "as given"
+        nominal = float(metadata.get("nominal_rate", 0))
+        if nominal and abs(fps / nominal - 1) > RATE_TOLERANCE:
+            metadata["rate"] += f"; the nominal rate of {nominal:g} 1/s contradicts it and is not used"
         return np.arange(len(clip.frames)) / fps, float(fps)
     rate = 1.0 / step
     notes = ["median interval of the time stamps"]
