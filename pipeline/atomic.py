@@ -5,7 +5,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TextIO
@@ -40,35 +40,36 @@ def whole_file(path: Path) -> Iterator[TextIO]:
 
 
 @contextmanager
-def whole_folder(folder: Path, contents: Collection[str], kind: str) -> Iterator[Path]:
-    """Give an empty folder beside `folder`, which takes the place of `folder` if the block ends well.
+def whole_folder(folder: Path, ours: Callable[[str], bool], what: str) -> Iterator[Path]:
+    """Give an empty hidden folder beside `folder`, which takes the place of `folder` if the block ends well.
 
-    An earlier one stays as it was until then, also if the process is killed. What a killed process left is removed by
-    the next call for the same place.
+    What lay there before stays as it was until then, also if the process is killed. What a killed process left is
+    removed by the next write to the same place.
 
     Parameters
     ----------
-    contents : names of the files and folders that such a folder may hold.
-    kind : what such a folder is called, for messages.
+    folder : the place to fill; its parents are made.
+    ours : says whether a file of this name belongs to what is written, and may be replaced.
+    what : what is written, with its article: "a report".
 
     Raises
     ------
     InputError
-        If `folder` holds something else, or cannot be written.
+        If `folder` holds something that is not ours, or cannot be written.
     """
     folder = Path(os.path.abspath(folder))
-    _refuse_strangers(folder, contents, kind)
+    refuse_strangers(folder, ours, what)
     part = folder.with_name(f".{folder.name}.part-{os.getpid()}")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         _clear_leftovers(folder)
         part.mkdir()
     except OSError as error:
-        right = "a place where a folder can be made is needed: see --out"
+        right = "a place where a folder can be made is needed"
         raise InputError(folder, f"cannot be written ({error.strerror})", right) from error
     try:
         yield part
-        _refuse_strangers(folder, contents, kind)
+        refuse_strangers(folder, ours, what)
         if folder.exists():
             _exchange(part, folder)
         else:
@@ -78,13 +79,14 @@ def whole_folder(folder: Path, contents: Collection[str], kind: str) -> Iterator
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _refuse_strangers(folder: Path, contents: Collection[str], kind: str) -> None:
+def refuse_strangers(folder: Path, ours: Callable[[str], bool], what: str) -> None:
+    """Raise `InputError` if `folder` is a file or holds anything that is not ours; arguments as of `whole_folder`."""
     if folder.exists() and not folder.is_dir():
-        raise InputError(folder, "a file, not a folder", f"a {kind} folder, or a new one, is needed")
-    strangers = sorted(p.name for p in folder.glob("*") if p.name not in contents)
+        raise InputError(folder, "a file, not a folder", f"a folder for {what}, or a new one, is needed")
+    strangers = sorted(p.name for p in folder.glob("*") if not ours(p.name))
     if strangers:
-        right = f"a new or empty folder, or one that holds a {kind} only, is needed: it is replaced whole"
-        raise InputError(folder, f"holds {strangers[0]!r}, which is not part of a {kind}", right)
+        right = f"a new or empty folder, or one that holds {what} only, is needed: it is replaced whole"
+        raise InputError(folder, f"holds {strangers[0]!r}, which is not part of {what}", right)
 
 
 def _clear_leftovers(folder: Path) -> None:
@@ -110,7 +112,7 @@ def _alive(process: int) -> bool:
 def _exchange(part: Path, folder: Path) -> None:
     """Let the two folders change places."""
     if sys.platform == "linux":
-        # One step for the file system, so that no moment is without a folder: renameat2(2).
+        # One step for the file system, so that no moment is without the folder: renameat2(2).
         libc = ctypes.CDLL(None, use_errno=True)
         if hasattr(libc, "renameat2") and not libc.renameat2(
             _AT_FDCWD, os.fsencode(part), _AT_FDCWD, os.fsencode(folder), _RENAME_EXCHANGE

@@ -188,17 +188,21 @@ def sweep(
     epilog="Example: yarnval measure data_samples/rig/case1/clip.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )
 def measure(
-    clip: Annotated[Path, typer.Argument(help="A .cine, TIFF, AVI or MKV clip, or a folder of images.")],
+    clip: Annotated[Path, typer.Argument(help="A .cine, .mraw, TIFF, AVI or MKV clip, or a folder of images.")],
     scale_um_per_px: Annotated[float | None, typer.Option(help="Object scale, µm per pixel.")] = None,
     fps: Annotated[float | None, typer.Option(help="Recording rate where the file does not hold it.")] = None,
     axis_deg: Annotated[float | None, typer.Option(help="Cylinder axis as displayed, ° counter-clockwise.")] = None,
     method: Annotated[str, typer.Option(help="Twist method: surface (single yarn).")] = "surface",
+    overlay: Annotated[
+        Path | None, typer.Option(help="Folder that gets annotated frames (24 at most) and a contact sheet as PNG.")
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Measure angle, twist and diameter in every frame of a clip."""
     from pipeline.ingest.video import open_video
     from pipeline.measure.yarn import measure_json, measure_yarn
     from pipeline.records import Scale
+    from pipeline.report.overlay import check_folder, write_overlay
 
     if scale_um_per_px is None or not (math.isfinite(scale_um_per_px) and scale_um_per_px > 0):
         raise InputError(
@@ -210,10 +214,15 @@ def measure(
         raise InputError("--axis-deg", f"found {axis_deg}", "give the cylinder axis in degrees as displayed")
     if method != "surface":
         raise InputError("--method", f"unknown method '{method}'", nearest(method, ["surface"]))
+    if overlay:
+        check_folder(overlay)
     axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
         video = open_video(clip, fps=fps)
-        measured = measure_yarn(video, Scale(scale_um_per_px * 1e-6), cylinder_axis=axis, method=method)
+        scale = Scale(scale_um_per_px * 1e-6)
+        measured = measure_yarn(video, scale, cylinder_axis=axis, method=method)
+        if overlay:
+            write_overlay(measured, scale, overlay)
     document = measure_json(measured)
     if as_json:
         _print_json(document)

@@ -44,7 +44,7 @@ def write_sweep(sweep: Sweep, rows: Sequence[SweepRow], folder: Path) -> None:
         If `folder` holds something that is not a sweep, or cannot be written.
     """
     quoted = quoted_rows(sweep, rows)
-    with whole_folder(folder, CONTENTS, "sweep") as part:
+    with whole_folder(folder, CONTENTS.__contains__, "a sweep") as part:
         _write_csv(part / "sweep.csv", sweep_table(rows))
         if quoted:
             _write_csv(part / "quoted.csv", quoted_table(quoted))

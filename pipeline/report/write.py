@@ -19,14 +19,12 @@ CONTENTS = frozenset(
 def write_report(results: Results, folder: Path) -> None:
     """Write the report of a study to `folder`, whole or not at all.
 
-    An earlier report stays as it was until the new one is complete (`whole_folder`).
-
     Raises
     ------
     InputError
         If `folder` holds something that is not a report, or cannot be written.
     """
-    with whole_folder(folder, CONTENTS, "report") as part:
+    with whole_folder(folder, CONTENTS.__contains__, "a report") as part:
         tree = store.to_tree(results)
         store.write_tree(tree, part / "results.nc")
         tables.table2(tree).to_csv(part / "table2.csv", index=False, lineterminator="\n")

@@ -170,3 +170,13 @@ def test_help_has_an_example(yarnval, command):
     ran = yarnval(command, "--help")
     assert ran.code == 0
     assert f"yarnval {command} data_samples" in " ".join(ran.out.split())
+
+
+def test_measure_overlay(yarnval, tmp_path):
+    clip = studies.raw(tmp_path / "study", frames=2) / "only/clip.mkv"
+    call = ("measure", clip, "--scale-um-per-px", 5, "--fps", 1200, "--overlay")
+    assert yarnval(*call, tmp_path / "look").code == 0
+    assert {p.name for p in (tmp_path / "look").iterdir()} == {"contact_sheet.png", "frame_0.png", "frame_1.png"}
+    ran = yarnval(*call, clip.parent)
+    assert ran.code == 2
+    assert "holds 'case.toml', which is not part of an overlay" in ran.line
