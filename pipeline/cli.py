@@ -185,11 +185,17 @@ def sweep(
 
 
 @app.command(
-    epilog="Example: yarnval measure data_samples/rig/case1/clip.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
+    epilog="Example: yarnval measure data_samples/rig/case1/yarn.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )
 def measure(
     clip: Annotated[Path, typer.Argument(help="A .cine, .mraw, TIFF, AVI or MKV clip, or a folder of images.")],
     scale_um_per_px: Annotated[float | None, typer.Option(help="Object scale, µm per pixel.")] = None,
+    scale_from_diameter_mm: Annotated[
+        float | None, typer.Option(help="Diameter of the cylinder in view, to take scale and axis from its two edges.")
+    ] = None,
+    scale_image: Annotated[
+        Path | None, typer.Option(help="Image or clip with that cylinder, if it is not in this clip's first frame.")
+    ] = None,
     fps: Annotated[float | None, typer.Option(help="Recording rate where the file does not hold it.")] = None,
     axis_deg: Annotated[float | None, typer.Option(help="Cylinder axis as displayed, ° counter-clockwise.")] = None,
     method: Annotated[str, typer.Option(help="Twist method: surface (single yarn).")] = "surface",
@@ -200,14 +206,12 @@ def measure(
 ) -> int:
     """Measure angle, twist and diameter in every frame of a clip."""
     from pipeline.ingest.video import open_video
+    from pipeline.measure.scale import REMARK, cylinder_in
     from pipeline.measure.yarn import measure_json, measure_yarn
     from pipeline.records import Scale
     from pipeline.report.overlay import check_folder, write_overlay
 
-    if scale_um_per_px is None or not (math.isfinite(scale_um_per_px) and scale_um_per_px > 0):
-        raise InputError(
-            "--scale-um-per-px", f"found {scale_um_per_px}", "give µm per pixel: no scale, no mm and no tpm"
-        )
+    option, given = _scale_option(scale_um_per_px, scale_from_diameter_mm, scale_image)
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise InputError("--fps", f"found {fps}", "give the recording rate in frames per second, greater than 0")
     if axis_deg is not None and not math.isfinite(axis_deg):
@@ -219,11 +223,21 @@ def measure(
     axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
         video = open_video(clip, fps=fps)
-        scale = Scale(scale_um_per_px * 1e-6)
+        origin: dict[str, object] = {"from": option}
+        if scale_from_diameter_mm is None:
+            scale = Scale(given * 1e-6)
+        else:
+            seen = open_video(scale_image, fps=fps or 1.0) if scale_image else video
+            cylinder = cylinder_in(seen.frames, scale_image or clip)
+            scale = cylinder.scale(given * 1e-3)
+            origin |= {"diameter_px": cylinder.diameter, "u_percent": 100 * scale.relative_u, "remark": REMARK}
+            if axis is None and scale_image is None:
+                axis = cylinder.axis
+                origin |= {"axis_deg": math.degrees(axis), "u_axis_deg": math.degrees(cylinder.u_axis)}
         measured = measure_yarn(video, scale, cylinder_axis=axis, method=method)
         if overlay:
             write_overlay(measured, scale, overlay)
-    document = measure_json(measured)
+    document = measure_json(measured) | {"scale": {"um_per_px": scale.metres_per_pixel * 1e6, **origin}}
     if as_json:
         _print_json(document)
     else:
@@ -252,6 +266,23 @@ def tension(
     else:
         _print_summary(document)
     return 0
+
+
+def _scale_option(um_per_px: float | None, diameter_mm: float | None, image: Path | None) -> tuple[str, float]:
+    """Return the option that gives the scale and its value, which is positive."""
+    if um_per_px is not None and diameter_mm is not None:
+        raise InputError("--scale-from-diameter-mm", "the scale is given twice", "leave --scale-um-per-px out")
+    if diameter_mm is None:
+        option, given = "--scale-um-per-px", um_per_px
+        right = "give µm per pixel, or --scale-from-diameter-mm: no scale, no mm and no tpm"
+    else:
+        option, given = "--scale-from-diameter-mm", diameter_mm
+        right = "give the cylinder's diameter in mm, greater than 0"
+    if given is None or not (math.isfinite(given) and given > 0):
+        raise InputError(option, f"found {given}", right)
+    if image and diameter_mm is None:
+        raise InputError("--scale-image", "no diameter to go with it", "give --scale-from-diameter-mm")
+    return option, given
 
 
 def _models(names: str) -> list[str]:

@@ -7,8 +7,10 @@ import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 import study_folders as studies
+import tifffile
 
 DATA = Path(__file__).parents[2] / "data_samples"
 
@@ -180,3 +182,35 @@ def test_measure_overlay(yarnval, tmp_path):
     ran = yarnval(*call, clip.parent)
     assert ran.code == 2
     assert "holds 'case.toml', which is not part of an overlay" in ran.line
+
+
+def test_measure_takes_scale_and_axis_from_the_cylinder(yarnval, tmp_path):
+    """A synthetic cylinder of 6 mm and 120 px; the clip shows it in every frame, the image for itself."""
+    image = np.full((256, 320), 300, np.uint16)
+    image[:, 100:220] = 2500
+    tifffile.imwrite(tmp_path / "cylinder.tif", image)
+    clip = studies.raw(tmp_path / "study", frames=2) / "only/clip.mkv"
+    call = ("measure", clip, "--fps", 1200, "--scale-from-diameter-mm", 6, "--json")
+    found = json.loads(yarnval(*call, "--scale-image", tmp_path / "cylinder.tif").out)
+    assert found["scale"]["um_per_px"] == pytest.approx(50, rel=0.005)
+    assert 0.05 < found["scale"]["u_percent"] < 0.5
+    assert "theta_B_deg" not in found["summary"]
+    in_view = json.loads(yarnval("measure", tmp_path / "cylinder.tif", *call[2:]).out)
+    assert in_view["scale"]["axis_deg"] == pytest.approx(90, abs=0.05)
+    ran = yarnval(*call)
+    assert ran.code == 2
+    assert "no cylinder's two edges were found" in ran.line
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--scale-from-diameter-mm", 6, "--scale-um-per-px", 5), "the scale is given twice"),
+        (("--scale-from-diameter-mm", -6), "--scale-from-diameter-mm: found -6.0"),
+        (("--scale-um-per-px", 5, "--scale-image", "x.tif"), "--scale-image: no diameter"),
+    ],
+)
+def test_contradicting_scales(yarnval, options, message):
+    ran = yarnval("measure", DATA / "rig/case1/yarn.mkv", "--fps", 1200, *options)
+    assert ran.code == 2
+    assert message in ran.line

@@ -25,7 +25,7 @@ def readable(video):
     return frames
 
 
-@pytest.mark.parametrize("kind", ["cine", "cine P12L", "tif", "mkv", "avi"])
+@pytest.mark.parametrize("kind", ["cine", "cine P12L", "mraw", "mraw packed", "tif", "mkv", "avi"])
 def test_a_cut_tail_leaves_the_frames_before_it(tmp_path, kind):
     frames = random_frames(6, 20, 32, 32, 12)
     path = write_clip(tmp_path, kind, frames, 12)
