@@ -25,12 +25,13 @@ searched; `MIN_TURNS` are in view.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, spline_filter
+from scipy.ndimage import spline_filter1d
 
 from pipeline.measure.axis import Image, YarnAxis
 from pipeline.records import Array
@@ -46,6 +47,7 @@ WIDEST = 0.8
 """Largest |w|/R used: further out the fibres lie too close to be told apart."""
 SLOPES = np.geomspace(0.04, 2.0, 72)
 """tan β = πdT searched, both signs: β from 2° to 63°."""
+SIGNED_SLOPES = np.concatenate([-SLOPES[::-1], [0.0], SLOPES])
 EDGE = 2.5
 """Distance from the edge inside of which rows are not used, in standard deviations of the blur."""
 NEAREST = 3
@@ -54,6 +56,8 @@ FARTHEST = 4.0
 """Largest Δx [diameters]."""
 LAGS = 32
 """Number of Δx used."""
+GRID = 8
+"""Step of the longest Δx and of the transforms' lengths [px]: frames of about one size share their tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +74,8 @@ class FrameTwist:
     """Why there is no twist; empty where there is."""
 
 
-def surface_twist(axis: YarnAxis) -> FrameTwist:
-    """Find the twist of the yarn in a straightened strip."""
+def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
+    """Find the twist of the yarn on an axis of a frame, shape (rows, columns)."""
     if axis.diameter < MIN_DIAMETER:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
         return FrameTwist(math.nan, 0.0, 0.0, found)
@@ -79,25 +83,19 @@ def surface_twist(axis: YarnAxis) -> FrameTwist:
     if axis.blur > MAX_BLUR * radius:
         found = f"the edges are blurred over {axis.blur:.1f} px: at most {MAX_BLUR * radius:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
-    texture, gamma_step = unroll(axis)
-    lags = np.unique(np.linspace(NEAREST, min(FARTHEST * axis.diameter, axis.strip.shape[1] / 2), LAGS).astype(np.intp))
-    correlation = _correlation(texture, lags)
-    if correlation is None:
+    texture = unroll(image, axis)
+    if not np.any(texture):
         return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
-    zero = correlation.shape[0] // 2
-    spline = spline_filter(correlation, order=3)
+    farthest = min(GRID * round(FARTHEST * axis.diameter / GRID), GRID * (axis.length // (2 * GRID)))
+    lags = _lags(max(farthest, NEAREST + 1))
+    reach = 3 * texture.shape[0] // 4
+    ridges = spline_filter1d(_correlation(texture, lags, reach), axis=0, output=np.float32)
 
-    def stack(slopes: Array, used: Indices) -> Array:
-        """Return Q for slopes tan β, over the lags in `used` (indices)."""
-        place = zero + np.outer(slopes / radius, lags[used]) / gamma_step
-        index = np.broadcast_to(used, place.shape)
-        return map_coordinates(spline, [place, index], order=3, prefilter=False, cval=0.0).sum(axis=1)
-
-    every = np.arange(lags.size)
-    slopes = np.concatenate([-SLOPES[::-1], [0.0], SLOPES])
-    scores = stack(slopes, every)
+    index, weight = _table(int(lags[-1]), reach)
+    scores = _stack(ridges, index, weight)
+    slopes = SIGNED_SLOPES
     best = int(np.argmax(scores))
-    slope = slopes[best]
+    slope = float(slopes[best])
     if scores[best] <= 0 or abs(slope) in (0.0, SLOPES[0], SLOPES[-1]):
         return FrameTwist(math.nan, 0.0, 0.0, "no inclined fibres stand out")
     elsewhere = (slopes * slope <= 0) | (np.abs(slopes) > 2 * abs(slope)) | (np.abs(slopes) < abs(slope) / 2)
@@ -106,15 +104,15 @@ def surface_twist(axis: YarnAxis) -> FrameTwist:
     coherence = 0.0
     for _ in range(2):
         # only lags whose ridge stays well inside the view, so that no slope near by gains by leaving it
-        used = every[1.2 * abs(slope) / radius * lags / gamma_step < zero - 1]
-        if used.size < 3:
+        used = int(np.searchsorted(1.2 * abs(slope) * lags, reach - 1))
+        if used < 3:
             return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
         fine = slope * np.linspace(0.88, 1.12, 49)
-        fine_scores = stack(fine, used)
+        fine_scores = _stack(ridges[:, :used], *_ridges(fine, lags[:used], reach))
         slope = _top(fine, fine_scores)
-        coherence = float(fine_scores.max()) / used.size
+        coherence = float(fine_scores.max()) / used
     twist = slope / (2 * math.pi * radius)
-    turns = axis.strip.shape[1] * abs(twist)
+    turns = axis.length * abs(twist)
     reason = ""
     if coherence < MIN_COHERENCE:
         reason = f"the correlation along the fibres is {coherence:.2f}: at least {MIN_COHERENCE} is needed"
@@ -125,40 +123,92 @@ def surface_twist(axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, coherence, contrast, reason)
 
 
-def unroll(axis: YarnAxis) -> tuple[Image, float]:
-    """Resample a strip at even steps of γ, one pixel apart on the axis, and remove the light.
+def unroll(image: Image, axis: YarnAxis) -> Image:
+    """Resample the face of the yarn on its unrolled surface by bicubic interpolation.
 
     Returns
     -------
-    texture : shape (rows in γ, columns along), each row without its quadratic trend along x and with unit variance.
-    step : γ between rows [rad].
+    Shape (2m + 1, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic trend
+    along x and with unit variance.
     """
     radius = axis.diameter / 2
     count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)
-    gamma = np.arange(-count, count + 1) / radius
-    rows, columns = axis.strip.shape
-    height = rows // 2 + axis.offset + radius * np.sin(gamma)
-    along, across = np.meshgrid(np.arange(columns, dtype=np.float32), height.astype(np.float32))
-    texture = cv2.remap(axis.strip, along, across, cv2.INTER_CUBIC).astype(np.float32)
-    trend = np.linalg.qr(np.vander(np.linspace(-1, 1, columns), 3))[0].astype(np.float32)
+    across = radius * np.sin(np.arange(-count, count + 1) / radius)
+    along = np.arange(axis.length) - (axis.length - 1) / 2
+    c, s = math.cos(axis.angle), math.sin(axis.angle)
+    x = np.add.outer((axis.centre[0] + s * across).astype(np.float32), (c * along).astype(np.float32))
+    y = np.add.outer((axis.centre[1] + c * across).astype(np.float32), (-s * along).astype(np.float32))
+    texture = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    trend = _trend(axis.length)
     texture -= (texture @ trend) @ trend.T
-    spread = texture.std(axis=1, keepdims=True)
+    spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / axis.length)[:, None]
     texture /= np.where(spread > 0, spread, 1)
-    return texture, 1 / radius
+    return texture  # pyright: ignore[reportReturnType]
 
 
-def _correlation(texture: Image, lags: Indices) -> Array | None:
-    """Return C at all Δγ with at least a quarter of the rows in common (middle row Δγ = 0) and Δx in `lags`."""
+@lru_cache(maxsize=64)
+def _trend(columns: int) -> Image:
+    """Return an orthonormal basis of quadratics, shape (columns, 3)."""
+    return np.linalg.qr(np.vander(np.linspace(-1, 1, columns), 3))[0].astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def _lags(farthest: int) -> Indices:
+    return np.unique(np.linspace(NEAREST, farthest, LAGS).astype(np.intp))
+
+
+@lru_cache(maxsize=16)
+def _harmonics(length: int, farthest: int) -> Image:
+    """Return the real inverse transform of `length` samples at the lags alone: cosines, then sines."""
+    angle = 2 * math.pi / length * np.outer(np.arange(length // 2 + 1), _lags(farthest))
+    # of each pair of conjugate wave numbers one is held, of 0 and the middle one there is no pair
+    single = (np.arange(length // 2 + 1) % (length / 2) == 0)[:, None]
+    return (np.hstack([np.cos(angle), np.sin(angle)]) * np.where(single, 1, 2) / length).astype(np.float32)
+
+
+def _correlation(texture: Image, lags: Indices, reach: int) -> Image:
+    """Return C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags)."""
     rows, columns = texture.shape
-    if not np.any(texture):
-        return None
-    padded = (scipy.fft.next_fast_len(2 * rows), scipy.fft.next_fast_len(columns + int(lags[-1]), real=True))
-    power = np.abs(scipy.fft.rfft2(texture, s=padded)) ** 2
-    full = scipy.fft.irfft2(power, s=padded)
-    reach = 3 * rows // 4
+    farthest = int(lags[-1])
+    length = scipy.fft.next_fast_len(GRID * math.ceil((columns + farthest) / GRID), real=True)
+    height = scipy.fft.next_fast_len(rows + reach)
+    spectrum = scipy.fft.fft(scipy.fft.rfft(texture, length, axis=1), height, axis=0, overwrite_x=True)
+    power = spectrum.real**2 + spectrum.imag**2
+    halves = power @ _harmonics(length, farthest)
+    full = scipy.fft.ifft(halves[:, : lags.size] + 1j * halves[:, lags.size :], axis=0).real
     shift = np.arange(-reach, reach + 1)
     pairs = np.outer(rows - np.abs(shift), columns - lags)
-    return full[shift[:, None], lags] / pairs
+    return (full[shift] / pairs).astype(np.float32)
+
+
+def _ridges(slopes: Array, lags: Indices, reach: int) -> tuple[Indices, Image]:
+    """Say where the lines Δγ = tan β·Δx/R cross the columns of C: cubic B-spline taps, shape (slopes, lags, 4).
+
+    Returns
+    -------
+    index : places in the columns of C put one after another; outside of C the weight is 0.
+    weight : of each place.
+    """
+    place = reach + np.outer(slopes, lags)  # rows of C are 1/R apart
+    first = np.floor(place)
+    t = (place - first)[..., None]
+    weight = np.concatenate(
+        [(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * (1 - t) ** 2 + 3 * (1 - t) ** 3, t**3], axis=2
+    )
+    rows = first[..., None].astype(np.intp) + np.arange(-1, 3)
+    weight *= ((rows >= 0) & (rows <= 2 * reach)) / 6
+    index = np.clip(rows, 0, 2 * reach) + (2 * reach + 1) * np.arange(lags.size)[:, None]
+    return index, weight.astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def _table(farthest: int, reach: int) -> tuple[Indices, Image]:
+    return _ridges(SIGNED_SLOPES, _lags(farthest), reach)
+
+
+def _stack(ridges: Image, index: Indices, weight: Image) -> Array:
+    """Return Q, shape (slopes,): the sum over the lags of C along the lines."""
+    return np.einsum("ijk,ijk->i", ridges.T.ravel()[index], weight, dtype=np.float64)
 
 
 def _top(x: Array, y: Array) -> float:

@@ -10,22 +10,32 @@ Conventions, stated here and used everywhere:
   when the yarn is vertical, which is a right-handed helix. Turning or travelling yarn, or the choice of one of the
   axis' two directions, does not change it; a mirrored image does.
 
+Frames are read in order in the caller's thread and measured in chunks of `CHUNK`, several at a time. A chunk's first
+frame is searched as a whole and the next ones where the yarn was, so the numbers do not depend on how many threads
+there are.
+
 Outlying frames (a diameter or a twist more than 5 standard deviations of the bulk away from the median, each from the
 median absolute deviation) keep their values and are flagged, but do not enter the means.
 """
 
 import math
-from collections import Counter
+import os
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import YarnAxis, find_axis
-from pipeline.measure.twist import surface_twist
+from pipeline.measure.axis import YarnAxis, find_axis, straighten
+from pipeline.measure.twist import FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
-from pipeline.records import Array, Estimate, FrameFlag, RawVideo, Scale, Thumbnail, YarnMeasurement
+from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
 
 METHODS = ("surface",)
 """Known ways to measure twist: 'surface' is the slope of the fibres on a single yarn's unrolled surface."""
@@ -41,14 +51,35 @@ SATURATED_SHARE = 0.01
 """Share of the yarn's pixels at full scale from which a frame is flagged."""
 REDUCED_BITS = 8
 """Significant bits up to which a clip is flagged as reduced: exports lose the camera's 12 bits this way."""
+CHUNK = 16
+"""Frames measured one after another by one thread."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
 
 
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What was measured in one frame."""
+
+    flag: FrameFlag = FrameFlag(0)
+    axis: YarnAxis | None = None
+    twist: FrameTwist | None = None
+    reduced: NDArray[np.uint8] | None = None
+    """The frame for the contact sheet, where it is to be there."""
+
+
 def measure_yarn(
-    video: RawVideo, scale: Scale, *, cylinder_axis: float | None, method: str = "surface"
+    video: RawVideo,
+    scale: Scale,
+    *,
+    cylinder_axis: float | None,
+    method: str = "surface",
+    threads: int | None = None,
 ) -> YarnMeasurement:
-    """Measure the yarn in every frame of a clip; one frame is held in memory at a time.
+    """Measure the yarn in every frame of a clip; a few chunks of frames are held in memory at a time.
 
     Parameters
     ----------
@@ -56,6 +87,7 @@ def measure_yarn(
     scale : object scale; without its uncertainty the means' u lack that term, and `reason` says so.
     cylinder_axis : direction of e_z [rad], counter-clockwise from +x as displayed; without it θ is NaN.
     method : one of `METHODS`.
+    threads : how many measure at once; as many as there are processors if not given. The numbers do not depend on it.
 
     Raises
     ------
@@ -73,28 +105,18 @@ def measure_yarn(
     centre = np.full((n, 2), np.nan)
     confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
     reasons: Counter[str] = Counter()
-    shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
     images: dict[int, NDArray[np.uint8]] = {}
-    for i in range(n):
-        try:
-            frame = video.frames.frame(i)
-        except InputError:
-            flag[i] = FrameFlag.UNREADABLE
+    for i, found in enumerate(_measure_frames(video, threads or os.cpu_count() or 1)):
+        flag[i] = found.flag
+        if found.axis is None or found.twist is None:
             continue
-        axis = find_axis(frame)
-        if axis is None:
-            flag[i] = FrameFlag.NO_YARN
-            continue
-        if i in shots:
-            images[i] = _reduced(frame)
-        found = surface_twist(axis)
-        centre[i], angle[i], diameter[i], twist[i] = axis.centre, axis.angle, axis.diameter, found.per_pixel
-        confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.coherence) * (not found.reason))
-        if found.reason:
-            flag[i] |= FrameFlag.TWIST_NOT_CREDIBLE
-            reasons[found.reason] += 1
-        if _saturated(axis, video.bits):
-            flag[i] |= FrameFlag.SATURATED
+        axis = found.axis
+        centre[i], angle[i], diameter[i], twist[i] = axis.centre, axis.angle, axis.diameter, found.twist.per_pixel
+        confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.twist.coherence) * (not found.twist.reason))
+        if found.twist.reason:
+            reasons[found.twist.reason] += 1
+        if found.reduced is not None:
+            images[i] = found.reduced
 
     diameter *= scale.metres_per_pixel
     twist /= scale.metres_per_pixel
@@ -169,9 +191,67 @@ def _numbers(values: Array) -> list[float | None]:
     return [_number(value) for value in values]
 
 
-def _saturated(axis: YarnAxis, bits: int) -> bool:
-    body = axis.strip[np.abs(axis.across) < axis.diameter / 2]
-    return float(np.mean(body >= 2**bits - 1)) > SATURATED_SHARE
+def _measure_frames(video: RawVideo, threads: int) -> Iterator[_Frame]:
+    """Yield what is found in each frame, in order; at most `threads` + 2 chunks of frames are held at a time."""
+    n = len(video.frames)
+    shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
+    with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
+        running: deque[Future[list[_Frame]]] = deque()
+        for start in range(0, n, CHUNK):
+            frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
+            running.append(pool.submit(_measure_chunk, frames, video.bits, {i - start for i in shots}))
+            if len(running) > threads:
+                yield from running.popleft().result()
+        while running:
+            yield from running.popleft().result()
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Keep the libraries from sharing out one frame's work: it is too little, and chunks run side by side."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _read(frames: Frames, index: int) -> Pixels | None:
+    try:
+        return frames.frame(index)
+    except InputError:
+        return None
+
+
+def _measure_chunk(frames: Sequence[Pixels | None], bits: int, shots: set[int]) -> list[_Frame]:
+    """Measure successive frames; `shots` are the places of those that go on the contact sheet."""
+    found, axis = [], None
+    for i, frame in enumerate(frames):
+        if frame is None:
+            found.append(_Frame(FrameFlag.UNREADABLE))
+            continue
+        image = frame.astype(np.float32)
+        axis = find_axis(image, axis)
+        if axis is None:
+            found.append(_Frame(FrameFlag.NO_YARN))
+            continue
+        twist = surface_twist(image, axis)
+        flag = FrameFlag.TWIST_NOT_CREDIBLE if twist.reason else FrameFlag(0)
+        if _saturated(frame, axis, bits):
+            flag |= FrameFlag.SATURATED
+        found.append(_Frame(flag, axis, twist, _reduced(frame) if i in shots else None))
+    return found
+
+
+def _saturated(frame: Pixels, axis: YarnAxis, bits: int) -> bool:
+    """Say whether more than `SATURATED_SHARE` of the yarn's pixels are at full scale."""
+    full = 2**bits - 1
+    if int(frame.max()) < full:
+        return False
+    strip = straighten((frame >= full).astype(np.float32), axis.centre, axis.angle, int(axis.diameter / 2), axis.length)
+    return float(strip.mean()) > SATURATED_SHARE
 
 
 def _outlying(values: Array) -> NDArray[np.bool_]:
@@ -234,7 +314,7 @@ def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Co
     return "; ".join(parts)
 
 
-def _reduced(frame: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:
+def _reduced(frame: Pixels) -> NDArray[np.uint8]:
     """Reduce a frame to at most THUMBNAIL_WIDTH columns and 8 bits, stretched to its range."""
     shrink = min(1.0, THUMBNAIL_WIDTH / frame.shape[1])
     image = cv2.resize(frame, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.float32)
