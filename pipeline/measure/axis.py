@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,7 +41,7 @@ MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
 MIN_ASPECT = 2.0
 """Length in view over diameter below which a thing has no axis."""
-ALIGNED = 0.5
+ALIGNED = 1.0
 """Tilt over the length in view up to which a strip counts as aligned [px]: it is corrected for, and blurs the profile by
 less than the optics."""
 CENTRED = 2.0
@@ -69,6 +70,8 @@ class YarnAxis:
     """Length of yarn whose full width is in view, centred at `centre` [px]."""
     agreement: float
     """Share of the yarn's length in view that follows the line: 1 where no hair or second object disturbs it."""
+    lean: float
+    """Distance from half way between the profile's half heights to the axis, which light from one side causes [px]."""
 
 
 def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
@@ -81,7 +84,8 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
         near that place, not as wide, or disturbed.
     """
     if before is not None:
-        axis = _measure(image, (*before.centre, before.angle, before.diameter / 2), before.blur)
+        line = *before.centre, before.angle, before.diameter / 2
+        axis = _measure(image, line, before.blur, before.lean)
         if (
             axis is not None
             and axis.agreement >= SAME_AGREEMENT
@@ -89,11 +93,16 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
         ):
             return axis
     line = _find_line(image)
-    return None if line is None else _measure(image, line, 1.0)
+    return None if line is None else _measure(image, line, 1.0, 0.0)
 
 
-def _measure(image: Image, line: tuple[float, float, float, float], blur: float) -> YarnAxis | None:
-    """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter."""
+def _measure(
+    image: Image, line: tuple[float, float, float, float], blur: float, lean: float
+) -> YarnAxis | None:
+    """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
+
+    `blur` and `lean` are where the fit starts, see `YarnAxis`.
+    """
     x, y, angle, radius = line
     half = math.ceil(1.3 * radius + 6)
     for _ in range(ROUNDS):
@@ -104,10 +113,9 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float)
         strip = straighten(image, (x, y), angle, half, math.floor(span[1] - span[0]))
         blocks = _blocks(strip)
         profile, spread = _middle_mean(blocks)
-        found = _shifts(blocks, profile)
-        if found is None:
+        tilt, agreement = _shifts(blocks, profile)
+        if not agreement:
             return None
-        tilt, agreement = found
         angle -= math.atan(tilt)
         shift = _middle(profile)
         if abs(shift) <= CENTRED and abs(tilt) * strip.shape[1] <= ALIGNED:
@@ -115,7 +123,7 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float)
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
     else:
         return None
-    body = _fit_profile(profile, spread, radius, blur)
+    body = _fit_profile(profile, spread, (shift + lean, radius, blur))
     if body is None:
         return None
     offset, radius, blur = body
@@ -123,7 +131,10 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float)
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half < radius + 2:
         return None
     x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
-    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement)
+    lean = offset - shift
+    if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
+        lean = -lean
+    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean)
 
 
 def straighten(image: Image, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
@@ -188,8 +199,8 @@ def _surface_basis(rows: int, columns: int) -> Image:
 def _background(image: Image) -> Image:
     """Fit a quadratic surface to most of the pixels, leaving out what deviates (iterated, 3 median deviations)."""
     basis = _surface_basis(*image.shape)
-    coarse = basis[::3, ::3].reshape(-1, 6).astype(float)
-    values = image[::3, ::3].reshape(-1).astype(float)
+    coarse = basis[::4, ::4].reshape(-1, 6).astype(float)
+    values = image[::4, ::4].reshape(-1).astype(float)
     rest, coefficients = values - _median(values), np.zeros(6)
     for _ in range(4):
         keep = np.abs(rest) <= 3 * 1.4826 * _median(np.abs(rest)) + 1e-9
@@ -275,85 +286,124 @@ def _middle(profile: Array) -> float:
     ends = float(profile[:3].mean()), float(profile[-3:].mean())
     level = float(profile.mean())
     height = np.abs(profile - max(ends, key=lambda end: abs(end - level)))
-    body = np.flatnonzero(height >= height.max() / 2)
-    return float(body[0] + body[-1] - (profile.size - 1)) / 2
+    height /= max(float(height.max()), 1e-9) / 2
+    body = np.flatnonzero(height >= 1)
+    first, last = float(body[0]), float(body[-1])
+    if 0 < first and last < profile.size - 1:
+        rise, fall = height[body[0] - 1 : body[0] + 1], height[body[-1] : body[-1] + 2]
+        first -= float((rise[1] - 1) / (rise[1] - rise[0]))
+        last += float((fall[0] - 1) / (fall[0] - fall[1]))
+    return (first + last - (profile.size - 1)) / 2
 
 
-def _shifts(blocks: Image, profile: Array) -> tuple[float, float] | None:
-    """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree with it."""
+@numba.njit(cache=True, nogil=True)
+def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
+    """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape
-    slope = np.empty_like(profile)
-    slope[1:-1] = 0.5 * (profile[2:] - profile[:-2])
-    slope[[0, -1]] = profile[1] - profile[0], profile[-1] - profile[-2]
-    design = np.column_stack([profile, np.ones_like(profile), -slope])
-    scale = np.sqrt(np.einsum("ij,ij->j", design, design))
+    design = np.ones((rows, 3))
+    design[:, 0] = profile
+    design[1:-1, 2] = 0.5 * (profile[:-2] - profile[2:])
+    design[0, 2], design[-1, 2] = profile[0] - profile[1], profile[-2] - profile[-1]
+    scale = np.sqrt((design**2).sum(axis=0))
     if scale.min() <= 0:
-        return None
+        return 0.0, 0.0
     design /= scale
-    gain, _, moved = np.linalg.lstsq(design.T @ design, design.T @ blocks, rcond=None)[0] / scale[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shift = moved / gain
-    position = (np.arange(count) - (count - 1) / 2) * BLOCK
-    usable = np.isfinite(shift) & (gain > 0.3) & (np.abs(shift) < rows / 4)
-    if usable.sum() < max(3, 0.3 * count):
-        return None
-    shift, position = shift[usable], position[usable]
+    normal = design.T @ design + 1e-12 * np.eye(3)
+    fitted = np.linalg.solve(normal, design.T @ blocks.astype(np.float64))
+    gain, moved = fitted[0] / scale[0], fitted[2] / scale[2]
+    usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * rows / 4)
+    if usable.sum() < max(3.0, 0.3 * count):
+        return 0.0, 0.0
+    shift = moved[usable] / gain[usable]
+    position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
     weight = np.ones_like(shift)
-    level = tilt = 0.0
+    tilt = 0.0
     for _ in range(10):
-        last = level, tilt
-        total = float(weight.sum())
-        middle = float(weight @ position) / total
+        last = tilt
+        middle = (weight * position).sum() / weight.sum()
         centred = position - middle
-        weighted = weight * centred
-        tilt = float(weighted @ shift) / float(weighted @ centred)
-        level = float(weight @ shift) / total - tilt * middle
-        rest = shift - level - tilt * position
+        tilt = (weight * centred * shift).sum() / (weight * centred**2).sum()
+        rest = shift - (weight * shift).sum() / weight.sum() - tilt * centred
         # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
+        reach = 4.685 * max(1.4826 * np.median(np.abs(rest)), 0.02)
         weight = np.maximum(1 - (rest / reach) ** 2, 0) ** 2
-        if abs(level - last[0]) < 1e-4 and abs(tilt - last[1]) * BLOCK * count < 1e-4:
+        if abs(tilt - last) * BLOCK * count < 1e-3:
             break
-    return tilt, float(np.count_nonzero(weight > 0.2)) / count
+    return tilt, (weight > 0.2).sum() / count
 
 
+SETTLED = 0.02
+"""Last step of the profile's fit [px, and in the logarithm of the blur]; each is some ten times smaller than the last."""
 INNER = 0.5
 """Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
 
 
+FAR = 6.0
+"""Distance in standard deviations from which on the blur is taken for 0."""
+
+
 @lru_cache(maxsize=16)
-def _quadrature(count: int) -> tuple[Array, Array, Array]:
-    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, weights for dw/R, and 1, sin γ, cos γ, sin²γ, sin γ·cos γ."""
+def _quadrature(count: int) -> tuple[Array, Array]:
+    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, and weights for dw/R."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     gamma = nodes * (math.pi / 2)
-    sine, cosine = np.sin(gamma), np.cos(gamma)
-    shades = np.column_stack([np.ones_like(gamma), sine, cosine, sine * sine, sine * cosine])
-    return sine, weights * (math.pi / 2) * cosine, shades
+    return np.sin(gamma), weights * (math.pi / 2) * np.cos(gamma)
 
 
-def _body(across: Array, offset: float, radius: float, blur: float) -> tuple[Array, Array]:
-    """Return the blurred body with the shades 1, sin γ and cos γ, and its derivatives.
+@numba.njit(cache=True, nogil=True)
+def _residuals(
+    at: Array, across: Array, values: Array, weight: Array, sine: Array, share: Array
+) -> tuple[Array, Array, Array]:
+    """Hold the blurred body on a linear background against a profile, all that is linear solved for.
 
     Parameters
     ----------
-    across : w, shape (n,) [px].
+    at : offset, radius [px], logarithm of the blur.
+    across, values, weight : w [px], the profile and the weight of each row, shape (n,).
+    sine, share : see `_quadrature`.
 
     Returns
     -------
-    body : shape (n, 3).
-    derivatives : by offset, by radius, and by the logarithm of the blur, shape (3, n, 3).
+    residuals : shape (n,).
+    jacobian : by `at`, after Kaufman, shape (n, 3).
+    coefficients : of the background 1, w and the body 1, sin γ, cos γ.
     """
-    # nodes closer than the narrowest usual blur
-    sine, weight, shades = _quadrature(16 * math.ceil(3 * radius / 16))
-    z = ((across - offset) / blur)[:, None] - (radius / blur) * sine
-    point_spread = np.exp(-0.5 * z * z) * (weight * (radius / (blur * math.sqrt(2 * math.pi))))
-    first = point_spread * z
-    plain, by_z, by_zz = (kernel @ shades for kernel in (point_spread, first, first * z))
-    body = plain[:, :3]
-    return body, np.stack([by_z[:, :3] / blur, by_z[:, [1, 3, 4]] / blur + body / radius, by_zz[:, :3] - body])
+    offset, radius, blur = at[0], at[1], math.exp(at[2])
+    n = across.size
+    basis, by_z, by_zz, by_sine = np.zeros((n, 5)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
+    shade = np.ones(3)
+    for i in range(n):
+        basis[i, 0], basis[i, 1] = weight[i], across[i] * weight[i]
+        for j in range(sine.size):
+            z = (across[i] - offset - radius * sine[j]) / blur
+            if abs(z) > FAR:
+                continue
+            spread = math.exp(-0.5 * z * z) * share[j] * weight[i] * radius / (blur * math.sqrt(2 * math.pi))
+            shade[1], shade[2] = sine[j], math.sqrt(1 - sine[j] * sine[j])
+            for k in range(3):
+                term = spread * shade[k]
+                basis[i, 2 + k] += term
+                by_z[i, k] += term * z
+                by_zz[i, k] += term * z * z
+                by_sine[i, k] += term * z * sine[j]
+    scale = np.sqrt((basis**2).sum(axis=0)) + 1e-300
+    scaled = basis / scale
+    inverse = np.linalg.solve(scaled.T @ scaled + 1e-10 * np.eye(5), np.ascontiguousarray(scaled.T))
+    coefficients = (inverse @ values) / scale
+    shades = np.ascontiguousarray(coefficients[2:])
+    body = np.ascontiguousarray(basis[:, 2:])
+    columns = np.empty((n, 4))
+    columns[:, 0] = values
+    columns[:, 1] = by_z @ shades / blur
+    columns[:, 2] = by_sine @ shades / blur + body @ shades / radius
+    columns[:, 3] = by_zz @ shades - body @ shades
+    columns -= scaled @ (inverse @ columns)
+    return -columns[:, 0], np.ascontiguousarray(columns[:, 1:]), coefficients
 
 
-def _fit_profile(profile: Array, spread: Array, radius: float, blur: float) -> tuple[float, float, float] | None:
+def _fit_profile(
+    profile: Array, spread: Array, start: tuple[float, float, float]
+) -> tuple[float, float, float] | None:
     """Fit the blurred, shaded body to a strip's profile; return offset, radius and blur [px], None without contrast.
 
     Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
@@ -362,50 +412,44 @@ def _fit_profile(profile: Array, spread: Array, radius: float, blur: float) -> t
     Parameters
     ----------
     profile, spread : shape (2h + 1,), see `_middle_mean`.
-    radius, blur : where to start [px].
+    start : offset, radius and blur to start from [px].
     """
     half = profile.size // 2
+    offset, radius, blur = start
     across = np.arange(-half, half + 1, dtype=float)
     outer = np.abs(across) > INNER * radius
     across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(np.ptp(profile), 1e-9))
-    values = profile[outer] * weight
-    basis = np.empty((across.size, 5))
-    basis[:, 0], basis[:, 1] = weight, across * weight
-
-    def residuals(at: Array) -> tuple[Array, Array, Array]:
-        """Return residuals, shape (n,), their Jacobian, shape (n, 3), and the linear coefficients, shape (5,)."""
-        body, derivatives = _body(across, float(at[0]), float(at[1]), math.exp(at[2]))
-        basis[:, 2:] = body * weight[:, None]
-        scale = np.sqrt(np.einsum("ij,ij->j", basis, basis)) + 1e-300
-        scaled = basis / scale
-        columns = np.column_stack([values, np.zeros((values.size, 3))])
-        inverse = np.linalg.inv(scaled.T @ scaled + 1e-10 * np.eye(5)) @ scaled.T
-        coefficients = (inverse @ values) / scale
-        columns[:, 1:] = (derivatives @ coefficients[2:]).T * weight[:, None]
-        projected = columns - scaled @ (inverse @ columns)
-        return -projected[:, 0], projected[:, 1:], coefficients
-
-    at = np.array([0.0, radius, math.log(blur)])
+    # nodes closer than the narrowest usual blur
+    sine, share = _quadrature(16 * math.ceil(3 * radius / 16))
     low = np.array([-radius, 0.6 * radius, math.log(0.3)])
     high = np.array([radius, min(1.4 * radius, half - 1.0), math.log(max(radius / 2, 1.0))])
-    at = np.clip(at, low, high)
-    damping, moved = 1e-3, math.inf
-    rest, jacobian, coefficients = residuals(at)
-    for _ in range(20):
-        normal = jacobian.T @ jacobian
-        normal[np.diag_indices(3)] *= 1 + damping
-        normal[np.diag_indices(3)] += 1e-12
-        trial = np.clip(at - np.linalg.solve(normal, jacobian.T @ rest), low, high)
-        trial_rest, trial_jacobian, trial_coefficients = residuals(trial)
-        if trial_rest @ trial_rest < rest @ rest:
-            moved = float(np.abs(trial - at).max())
-            at, rest, jacobian, coefficients = trial, trial_rest, trial_jacobian, trial_coefficients
-            damping *= 0.1
-        else:
-            damping *= 10
-        if moved < 5e-3 or damping > 1e3:
-            break
+    at = np.clip(np.array([offset, radius, math.log(blur)]), low, high)
+    at, rest, coefficients = _levenberg(at, low, high, across, profile[outer] * weight, weight, sine, share)
     contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
     if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
         return None
     return float(at[0]), float(at[1]), math.exp(at[2])
+
+
+@numba.njit(cache=True, nogil=True)
+def _levenberg(
+    at: Array, low: Array, high: Array, across: Array, values: Array, weight: Array, sine: Array, share: Array
+) -> tuple[Array, Array, Array]:
+    """Minimise `_residuals` between bounds on `at`; return `at`, the residuals and the coefficients."""
+    damping = 1e-3
+    rest, jacobian, coefficients = _residuals(at, across, values, weight, sine, share)
+    for _ in range(20):
+        normal = jacobian.T @ jacobian
+        for k in range(3):
+            normal[k, k] += damping * normal[k, k] + 1e-12
+        trial = np.minimum(np.maximum(at - np.linalg.solve(normal, jacobian.T @ rest), low), high)
+        trial_rest, trial_jacobian, trial_coefficients = _residuals(trial, across, values, weight, sine, share)
+        moved = np.abs(trial - at).max()
+        if (trial_rest**2).sum() < (rest**2).sum():
+            at, rest, jacobian, coefficients = trial, trial_rest, trial_jacobian, trial_coefficients
+            damping *= 0.1
+        else:
+            damping *= 10
+        if moved < SETTLED or damping > 1e3:
+            break
+    return at, rest, coefficients

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
+import numba
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -89,11 +90,10 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
     farthest = min(GRID * round(FARTHEST * axis.diameter / GRID), GRID * (axis.length // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
-    ridges = spline_filter1d(_correlation(texture, lags, reach), axis=0, output=np.float32)
+    ridges = spline_filter1d(_correlation(texture, lags, reach), axis=0)
 
-    index, weight = _table(int(lags[-1]), reach)
-    scores = _stack(ridges, index, weight)
     slopes = SIGNED_SLOPES
+    scores = _stack(ridges, slopes, lags)
     best = int(np.argmax(scores))
     slope = float(slopes[best])
     if scores[best] <= 0 or abs(slope) in (0.0, SLOPES[0], SLOPES[-1]):
@@ -108,7 +108,7 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
         if used < 3:
             return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
         fine = slope * np.linspace(0.88, 1.12, 49)
-        fine_scores = _stack(ridges[:, :used], *_ridges(fine, lags[:used], reach))
+        fine_scores = _stack(ridges, fine, lags[:used])
         slope = _top(fine, fine_scores)
         coherence = float(fine_scores.max()) / used
     twist = slope / (2 * math.pi * radius)
@@ -166,7 +166,7 @@ def _harmonics(length: int, farthest: int) -> Image:
     return (np.hstack([np.cos(angle), np.sin(angle)]) * np.where(single, 1, 2) / length).astype(np.float32)
 
 
-def _correlation(texture: Image, lags: Indices, reach: int) -> Image:
+def _correlation(texture: Image, lags: Indices, reach: int) -> Array:
     """Return C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags)."""
     rows, columns = texture.shape
     farthest = int(lags[-1])
@@ -178,37 +178,40 @@ def _correlation(texture: Image, lags: Indices, reach: int) -> Image:
     full = scipy.fft.ifft(halves[:, : lags.size] + 1j * halves[:, lags.size :], axis=0).real
     shift = np.arange(-reach, reach + 1)
     pairs = np.outer(rows - np.abs(shift), columns - lags)
-    return (full[shift] / pairs).astype(np.float32)
+    return full[shift] / pairs
 
 
-def _ridges(slopes: Array, lags: Indices, reach: int) -> tuple[Indices, Image]:
-    """Say where the lines Δγ = tan β·Δx/R cross the columns of C: cubic B-spline taps, shape (slopes, lags, 4).
+@numba.njit(cache=True, nogil=True)
+def _stack(ridges: Array, slopes: Array, lags: Indices) -> Array:
+    """Return Q for slopes tan β: the sum over Δx of C on the lines Δγ = tan β·Δx/R, by cubic splines in Δγ.
 
-    Returns
-    -------
-    index : places in the columns of C put one after another; outside of C the weight is 0.
-    weight : of each place.
+    Parameters
+    ----------
+    ridges : spline coefficients of C, shape (2 reach + 1, at least as many columns as lags); rows are 1/R apart.
+    slopes : tan β, shape (m,).
+    lags : Δx of the first columns [px].
     """
-    place = reach + np.outer(slopes, lags)  # rows of C are 1/R apart
-    first = np.floor(place)
-    t = (place - first)[..., None]
-    weight = np.concatenate(
-        [(1 - t) ** 3, 4 - 6 * t**2 + 3 * t**3, 4 - 6 * (1 - t) ** 2 + 3 * (1 - t) ** 3, t**3], axis=2
-    )
-    rows = first[..., None].astype(np.intp) + np.arange(-1, 3)
-    weight *= ((rows >= 0) & (rows <= 2 * reach)) / 6
-    index = np.clip(rows, 0, 2 * reach) + (2 * reach + 1) * np.arange(lags.size)[:, None]
-    return index, weight.astype(np.float32)
+    rows = ridges.shape[0]
+    sums = np.zeros(slopes.size)
+    taps = np.empty(4)
+    for i in range(slopes.size):
+        for j in range(lags.size):
+            place = rows // 2 + slopes[i] * lags[j]
+            first = math.floor(place)
+            t = place - first
+            taps[0] = (1 - t) ** 3
+            taps[1] = 4 - 6 * t**2 + 3 * t**3
+            taps[2] = 4 - 6 * (1 - t) ** 2 + 3 * (1 - t) ** 3
+            taps[3] = t**3
+            for k in range(4):
+                row = first - 1 + k
+                if 0 <= row < rows:
+                    sums[i] += taps[k] * ridges[row, j] / 6
+    return sums
 
 
-@lru_cache(maxsize=16)
-def _table(farthest: int, reach: int) -> tuple[Indices, Image]:
-    return _ridges(SIGNED_SLOPES, _lags(farthest), reach)
-
-
-def _stack(ridges: Image, index: Indices, weight: Image) -> Array:
-    """Return Q, shape (slopes,): the sum over the lags of C along the lines."""
-    return np.einsum("ijk,ijk->i", ridges.T.ravel()[index], weight, dtype=np.float64)
+PARABOLA = np.linalg.pinv(np.vander(np.arange(-5.0, 6.0), 3))
+"""Coefficients of the least-squares parabola through eleven evenly spaced samples."""
 
 
 def _top(x: Array, y: Array) -> float:
@@ -216,5 +219,5 @@ def _top(x: Array, y: Array) -> float:
     best = int(np.clip(np.argmax(y), 5, x.size - 6))
     near = slice(best - 5, best + 6)
     step = x[1] - x[0]
-    a, b, _ = np.polyfit((x[near] - x[best]) / step, y[near], 2)
+    a, b, _ = PARABOLA @ y[near]
     return float(x[best] + step * np.clip(-b / (2 * a), -5, 5)) if a < 0 else float(x[best])
