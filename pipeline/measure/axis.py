@@ -42,10 +42,11 @@ MIN_DIAMETER = 4.0
 MIN_ASPECT = 2.0
 """Length in view over diameter below which a thing has no axis."""
 ALIGNED = 1.0
-"""Tilt over the length in view up to which a strip counts as aligned [px]: it is corrected for, and blurs the profile by
-less than the optics."""
+"""Tilt over the length in view up to which a strip counts as aligned [px]: it is corrected for, and blurs the profile
+by less than the optics."""
 CENTRED = 2.0
-"""Distance of the yarn from a strip's middle up to which it counts as centred [px]; the profile's fit gives the rest."""
+"""Distance of the yarn from a strip's middle up to which it counts as centred [px]; the profile's fit does the
+rest."""
 ROUNDS = 6
 """Largest number of strips cut to align one."""
 SAME_DIAMETER = 0.1
@@ -96,9 +97,7 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
     return None if line is None else _measure(image, line, 1.0, 0.0)
 
 
-def _measure(
-    image: Image, line: tuple[float, float, float, float], blur: float, lean: float
-) -> YarnAxis | None:
+def _measure(image: Image, line: tuple[float, float, float, float], blur: float, lean: float) -> YarnAxis | None:
     """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
 
     `blur` and `lean` are where the fit starts, see `YarnAxis`.
@@ -266,7 +265,7 @@ def _line_through(points: Array, shape: tuple[int, ...]) -> tuple[float, float, 
 
 
 def _blocks(strip: Image) -> Image:
-    """Return the mean of each `BLOCK` columns, shape (rows, blocks); up to BLOCK − 1 columns are left over at the ends."""
+    """Return the mean of each `BLOCK` columns, shape (rows, blocks); fewer than `BLOCK` are left out at the ends."""
     count = strip.shape[1] // BLOCK
     first = (strip.shape[1] - count * BLOCK) // 2
     whole = strip[:, first : first + count * BLOCK]
@@ -289,14 +288,13 @@ def _middle(profile: Array) -> float:
     height /= max(float(height.max()), 1e-9) / 2
     body = np.flatnonzero(height >= 1)
     first, last = float(body[0]), float(body[-1])
-    if 0 < first and last < profile.size - 1:
+    if first > 0 and last < profile.size - 1:
         rise, fall = height[body[0] - 1 : body[0] + 1], height[body[-1] : body[-1] + 2]
         first -= float((rise[1] - 1) / (rise[1] - rise[0]))
         last += float((fall[0] - 1) / (fall[0] - fall[1]))
     return (first + last - (profile.size - 1)) / 2
 
 
-@numba.njit(cache=True, nogil=True)
 def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape
@@ -304,15 +302,14 @@ def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     design[:, 0] = profile
     design[1:-1, 2] = 0.5 * (profile[:-2] - profile[2:])
     design[0, 2], design[-1, 2] = profile[0] - profile[1], profile[-2] - profile[-1]
-    scale = np.sqrt((design**2).sum(axis=0))
+    scale = np.sqrt((design * design).sum(axis=0))
     if scale.min() <= 0:
         return 0.0, 0.0
     design /= scale
     normal = design.T @ design + 1e-12 * np.eye(3)
-    fitted = np.linalg.solve(normal, design.T @ blocks.astype(np.float64))
-    gain, moved = fitted[0] / scale[0], fitted[2] / scale[2]
-    usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * rows / 4)
-    if usable.sum() < max(3.0, 0.3 * count):
+    gain, _, moved = np.linalg.solve(normal, design.T @ blocks) / scale[:, None]
+    usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * (rows / 4))
+    if np.count_nonzero(usable) < max(3, 0.3 * count):
         return 0.0, 0.0
     shift = moved[usable] / gain[usable]
     position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
@@ -320,20 +317,21 @@ def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     tilt = 0.0
     for _ in range(10):
         last = tilt
-        middle = (weight * position).sum() / weight.sum()
-        centred = position - middle
-        tilt = (weight * centred * shift).sum() / (weight * centred**2).sum()
-        rest = shift - (weight * shift).sum() / weight.sum() - tilt * centred
+        total = float(weight.sum())
+        centred = position - float(weight @ position) / total
+        weighted = weight * centred
+        tilt = float(weighted @ shift) / float(weighted @ centred)
+        rest = shift - float(weight @ shift) / total - tilt * centred
         # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * np.median(np.abs(rest)), 0.02)
+        reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
         weight = np.maximum(1 - (rest / reach) ** 2, 0) ** 2
         if abs(tilt - last) * BLOCK * count < 1e-3:
             break
-    return tilt, (weight > 0.2).sum() / count
+    return tilt, float(np.count_nonzero(weight > 0.2)) / count
 
 
 SETTLED = 0.02
-"""Last step of the profile's fit [px, and in the logarithm of the blur]; each is some ten times smaller than the last."""
+"""Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
 INNER = 0.5
 """Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
 
@@ -351,59 +349,41 @@ def _quadrature(count: int) -> tuple[Array, Array]:
 
 
 @numba.njit(cache=True, nogil=True)
-def _residuals(
-    at: Array, across: Array, values: Array, weight: Array, sine: Array, share: Array
-) -> tuple[Array, Array, Array]:
-    """Hold the blurred body on a linear background against a profile, all that is linear solved for.
+def _body(across: Array, offset: float, radius: float, blur: float, sine: Array, share: Array) -> Array:
+    """Return the blurred body with the shades 1, sin γ and cos γ, and what its derivatives are made of.
 
     Parameters
     ----------
-    at : offset, radius [px], logarithm of the blur.
-    across, values, weight : w [px], the profile and the weight of each row, shape (n,).
+    across : w, shape (n,) [px].
     sine, share : see `_quadrature`.
 
     Returns
     -------
-    residuals : shape (n,).
-    jacobian : by `at`, after Kaufman, shape (n, 3).
-    coefficients : of the background 1, w and the body 1, sin γ, cos γ.
+    Shape (4, 3, n): the integral over γ of shade times G, z·G, z²·G, z·sin γ·G for each of the shades; G is the blur's
+    Gaussian of z = (w − offset − R sin γ)/blur.
     """
-    offset, radius, blur = at[0], at[1], math.exp(at[2])
-    n = across.size
-    basis, by_z, by_zz, by_sine = np.zeros((n, 5)), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
-    shade = np.ones(3)
-    for i in range(n):
-        basis[i, 0], basis[i, 1] = weight[i], across[i] * weight[i]
+    integrals = np.zeros((4, 3, across.size))
+    height = radius / (blur * math.sqrt(2 * math.pi))
+    for i in range(across.size):
         for j in range(sine.size):
             z = (across[i] - offset - radius * sine[j]) / blur
             if abs(z) > FAR:
                 continue
-            spread = math.exp(-0.5 * z * z) * share[j] * weight[i] * radius / (blur * math.sqrt(2 * math.pi))
-            shade[1], shade[2] = sine[j], math.sqrt(1 - sine[j] * sine[j])
+            term = height * share[j] * math.exp(-0.5 * z * z)
             for k in range(3):
-                term = spread * shade[k]
-                basis[i, 2 + k] += term
-                by_z[i, k] += term * z
-                by_zz[i, k] += term * z * z
-                by_sine[i, k] += term * z * sine[j]
-    scale = np.sqrt((basis**2).sum(axis=0)) + 1e-300
-    scaled = basis / scale
-    inverse = np.linalg.solve(scaled.T @ scaled + 1e-10 * np.eye(5), np.ascontiguousarray(scaled.T))
-    coefficients = (inverse @ values) / scale
-    shades = np.ascontiguousarray(coefficients[2:])
-    body = np.ascontiguousarray(basis[:, 2:])
-    columns = np.empty((n, 4))
-    columns[:, 0] = values
-    columns[:, 1] = by_z @ shades / blur
-    columns[:, 2] = by_sine @ shades / blur + body @ shades / radius
-    columns[:, 3] = by_zz @ shades - body @ shades
-    columns -= scaled @ (inverse @ columns)
-    return -columns[:, 0], np.ascontiguousarray(columns[:, 1:]), coefficients
+                shaded = term
+                if k == 1:
+                    shaded = term * sine[j]
+                elif k == 2:
+                    shaded = term * math.sqrt(1 - sine[j] * sine[j])
+                integrals[0, k, i] += shaded
+                integrals[1, k, i] += shaded * z
+                integrals[2, k, i] += shaded * z * z
+                integrals[3, k, i] += shaded * z * sine[j]
+    return integrals
 
 
-def _fit_profile(
-    profile: Array, spread: Array, start: tuple[float, float, float]
-) -> tuple[float, float, float] | None:
+def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> tuple[float, float, float] | None:
     """Fit the blurred, shaded body to a strip's profile; return offset, radius and blur [px], None without contrast.
 
     Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
@@ -418,38 +398,45 @@ def _fit_profile(
     offset, radius, blur = start
     across = np.arange(-half, half + 1, dtype=float)
     outer = np.abs(across) > INNER * radius
-    across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(np.ptp(profile), 1e-9))
+    across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(float(np.ptp(profile)), 1e-9))
     # nodes closer than the narrowest usual blur
     sine, share = _quadrature(16 * math.ceil(3 * radius / 16))
+    basis, columns = np.empty((5, across.size)), np.empty((4, across.size))
+    basis[0], basis[1], columns[0] = weight, across * weight, profile[outer] * weight
+
+    def residuals(at: Array) -> tuple[Array, Array, Array]:
+        """Return the residuals, shape (n,), their Jacobian, shape (3, n), and the linear coefficients, shape (5,)."""
+        offset, radius, blur = float(at[0]), float(at[1]), math.exp(at[2])
+        integrals = _body(across, offset, radius, blur, sine, share) * weight
+        basis[2:] = integrals[0]
+        normal = basis @ basis.T
+        scale = np.sqrt(np.diag(normal)) + 1e-300
+        inverse = np.linalg.inv(normal / np.outer(scale, scale) + 1e-10 * np.eye(5)) / np.outer(scale, scale)
+        coefficients = inverse @ (basis @ columns[0])
+        body, by_z, by_zz, by_sine = np.tensordot(coefficients[2:], integrals, (0, 1))
+        columns[1], columns[2], columns[3] = by_z / blur, by_sine / blur + body / radius, by_zz - body
+        projected = columns - (columns @ basis.T @ inverse) @ basis
+        return -projected[0], projected[1:], coefficients
+
     low = np.array([-radius, 0.6 * radius, math.log(0.3)])
     high = np.array([radius, min(1.4 * radius, half - 1.0), math.log(max(radius / 2, 1.0))])
-    at = np.clip(np.array([offset, radius, math.log(blur)]), low, high)
-    at, rest, coefficients = _levenberg(at, low, high, across, profile[outer] * weight, weight, sine, share)
-    contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
-    if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
-        return None
-    return float(at[0]), float(at[1]), math.exp(at[2])
-
-
-@numba.njit(cache=True, nogil=True)
-def _levenberg(
-    at: Array, low: Array, high: Array, across: Array, values: Array, weight: Array, sine: Array, share: Array
-) -> tuple[Array, Array, Array]:
-    """Minimise `_residuals` between bounds on `at`; return `at`, the residuals and the coefficients."""
+    at = np.minimum(np.maximum([offset, radius, math.log(blur)], low), high)
     damping = 1e-3
-    rest, jacobian, coefficients = _residuals(at, across, values, weight, sine, share)
+    rest, jacobian, coefficients = residuals(at)
     for _ in range(20):
-        normal = jacobian.T @ jacobian
-        for k in range(3):
-            normal[k, k] += damping * normal[k, k] + 1e-12
-        trial = np.minimum(np.maximum(at - np.linalg.solve(normal, jacobian.T @ rest), low), high)
-        trial_rest, trial_jacobian, trial_coefficients = _residuals(trial, across, values, weight, sine, share)
-        moved = np.abs(trial - at).max()
-        if (trial_rest**2).sum() < (rest**2).sum():
+        normal = jacobian @ jacobian.T
+        normal += np.diag(damping * np.diag(normal) + 1e-12)
+        trial = np.minimum(np.maximum(at - np.linalg.solve(normal, jacobian @ rest), low), high)
+        trial_rest, trial_jacobian, trial_coefficients = residuals(trial)
+        moved = float(np.abs(trial - at).max())
+        if trial_rest @ trial_rest < rest @ rest:
             at, rest, jacobian, coefficients = trial, trial_rest, trial_jacobian, trial_coefficients
             damping *= 0.1
         else:
             damping *= 10
         if moved < SETTLED or damping > 1e3:
             break
-    return at, rest, coefficients
+    contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
+    if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
+        return None
+    return float(at[0]), float(at[1]), math.exp(at[2])

@@ -128,8 +128,8 @@ def unroll(image: Image, axis: YarnAxis) -> Image:
 
     Returns
     -------
-    Shape (2m + 1, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic trend
-    along x and with unit variance.
+    Shape (2m + 1, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
+    trend along x and with unit variance.
     """
     radius = axis.diameter / 2
     count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)

@@ -64,7 +64,7 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 class _Frame:
     """What was measured in one frame."""
 
-    flag: FrameFlag = FrameFlag(0)
+    flag: FrameFlag
     axis: YarnAxis | None = None
     twist: FrameTwist | None = None
     reduced: NDArray[np.uint8] | None = None
