@@ -3,9 +3,9 @@
     python benchmarks/measure_bias.py [FOLDER]      (default: reports)
 
 writes measure_bias.csv and measure_bias.svg. All frames are synthetic (pipeline/synthetic.py). Each axis is changed
-alone from the base case; each point is CLIPS yarns, each with its own surface and hairs, of FRAMES frames at all angles.
-The bias is the mean over the clips of the clip means' errors, the spread that of single frames about their clip's mean
-error; a frame without a credible twist gives none and is counted.
+alone from the base case; each point is CLIPS yarns, each with its own surface and hairs, of FRAMES frames at all
+angles. The bias is the mean over the clips of the clip means' errors, the spread that of single frames about their
+clip's mean error; a frame without a credible twist gives none and is counted.
 """
 
 import csv

@@ -49,10 +49,12 @@ CENTRED = 2.0
 rest."""
 ROUNDS = 6
 """Largest number of strips cut to align one."""
-SAME_DIAMETER = 0.1
+SAME_DIAMETER = 0.05
 """Relative change of the diameter from one frame to the next up to which it is the same yarn."""
-SAME_AGREEMENT = 0.5
+SAME_AGREEMENT = 0.8
 """Least share of the blocks that agree for an axis that was followed rather than found."""
+SAME_DIRECTION = 0.1
+"""Turn from one frame to the next up to which an axis is followed [rad]: beyond, the yarn leaves the strip early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,7 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
     ----------
     image : the frame, shape (rows, columns), rows top-down.
     before : the yarn in the frame before. It only saves time: the yarn is looked for in the whole frame where it is not
-        near that place, not as wide, or disturbed.
+        near that place, not as wide, turned or disturbed.
     """
     if before is not None:
         line = *before.centre, before.angle, before.diameter / 2
@@ -91,6 +93,7 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
             axis is not None
             and axis.agreement >= SAME_AGREEMENT
             and abs(axis.diameter - before.diameter) <= SAME_DIAMETER * before.diameter
+            and abs(math.remainder(axis.angle - before.angle, math.pi)) <= SAME_DIRECTION
         ):
             return axis
     line = _find_line(image)

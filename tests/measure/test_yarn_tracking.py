@@ -92,6 +92,15 @@ def test_following_recovers_after_a_blank_frame_a_broken_one_and_a_jump(steady):
     np.testing.assert_allclose(m.diameter[m.flag == 0], 150e-6, rtol=0.02)
 
 
+def test_a_yarn_that_turns_far_between_frames_is_searched_for():
+    """Turned by 22.5° the yarn still crosses the old strip, and a line through half of it can be fitted there."""
+    material = Material.draw(np.random.default_rng(5), fibre_length=10)
+    angles = np.arange(0, 180, 22.5) + 19
+    images = [render(60 + i, angle, 5 - i, material=material) for i, angle in enumerate(angles.tolist())]
+    m = measured([*images, *images[::-1]])
+    np.testing.assert_allclose(np.degrees(m.axis_angle), [*angles, *angles[::-1]], atol=0.1)
+
+
 def render_narrow():
     """A bright line of 12 px on the axis of the first steady frame."""
     rows, columns = np.indices(SHAPE)
