@@ -164,12 +164,13 @@ def profile(images: list[Pixels], count: int) -> dict[str, float]:
     return {label: 1e3 * value / count for label, value in seconds.items()}
 
 
-def peak_memory(count: int) -> float:
-    """Peak resident memory [MB] of a process that measures `count` frames."""
-    result = subprocess.run(
-        [sys.executable, __file__, "--peak", str(count)], check=True, capture_output=True, text=True
-    )
-    return float(result.stdout)
+def peak_memory(images: list[Pixels], count: int) -> float:
+    """Peak resident memory [MB] of a process that measures `count` frames, and holds the few that they repeat."""
+    with tempfile.TemporaryDirectory() as scratch:
+        stored = Path(scratch) / "frames.npy"
+        np.save(stored, np.array(images))
+        command = [sys.executable, __file__, "--peak", str(stored), str(count)]
+        return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def main(folder: Path) -> None:
@@ -202,7 +203,7 @@ def main(folder: Path) -> None:
         peer = best(lambda: structure_tensor(images, COUNTS["scikit-image"]), COUNTS["scikit-image"])
     rows.append(("scikit-image", 1, peer))
     steps = profile(images, COUNTS["in memory"])
-    memory = [(count, peak_memory(count)) for count in MEMORY]
+    memory = [(count, peak_memory(images, count)) for count in MEMORY]
 
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "measure_speed.csv").open("w", newline="") as file:
@@ -228,7 +229,7 @@ def main(folder: Path) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--peak"]:
-        measure(in_memory(render(), int(sys.argv[2])), 2)
+        measure(in_memory(list(np.load(sys.argv[2])), int(sys.argv[3])), 2)
         print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     else:
         main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("reports"))
