@@ -216,6 +216,8 @@ class YarnMeasurement:
     """'Z', 'S' or '' where twist is not credible."""
     reason: str
     """Why twist, or anything else, is not given; empty where all is given."""
+    centre: Array
+    """A point (x, y) on the yarn axis [px], shape (n, 2); NaN where no yarn was found."""
     thumbnails: tuple[Thumbnail, ...] = ()
 
 

@@ -6,8 +6,8 @@ tests' second opinion and is not used here, because it turns the time stamps int
 pixels without their look-up table, and raises anything on a damaged header.
 
 P10 holds 12 bits in 10 by the camera's fixed table of 1024 levels (`p10_lut.csv`): about a straight line up to code
-158, then about a power of 2.22. It is the same in every public reader that was found, among them CineFiles.jl (MIT),
-muvi (Apache-2.0), DICe (BSD) and EPICS ADPhantom. In it black lies at 64 and white at 4064.
+158, then about a power of 2.22. The same levels stand in the public readers that were found, such as CineFiles.jl
+(MIT, src/LUT.jl). In it black lies at 64 and white at 4064.
 """
 
 import struct

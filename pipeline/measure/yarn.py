@@ -140,6 +140,7 @@ def measure_yarn(
         flag=flag,
         summary=summary,
         handedness="" if math.isnan(mean_twist) else "Z" if mean_twist > 0 else "S",
+        centre=centre,
         reason=_reason(video, scale, flag, reasons),
         thumbnails=tuple(
             _thumbnail(i, image, video.shape, centre[i], angle[i], diameter[i] / scale.metres_per_pixel, twist[i])

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pipeline.atomic import refuse_strangers, whole_folder
 from pipeline.errors import InputError
-from pipeline.measure.axis import find_axis
 from pipeline.records import FrameFlag, Scale, YarnMeasurement
 
 FRAMES = 24
@@ -86,10 +85,10 @@ def annotated(measured: YarnMeasurement, scale: Scale, index: int) -> Picture:
     gray = np.clip((frame - dark) * (255 / max(bright - dark, 1.0)), 0, 255).astype(np.uint8)
     picture = cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)
     angle, diameter = float(measured.axis_angle[index]), float(measured.diameter[index]) / scale.metres_per_pixel
-    axis = find_axis(frame) if math.isfinite(angle) else None
-    if axis is not None:
+    if math.isfinite(angle):
+        x, y = map(float, measured.centre[index])
         twist = float(measured.twist[index]) * scale.metres_per_pixel
-        _draw(picture, axis.centre, angle, diameter, twist)
+        _draw(picture, (x, y), angle, diameter, twist)
     return _with_text(picture, _text(measured, index), BAD if measured.flag[index] else GOOD)
 
 
