@@ -7,7 +7,6 @@ unseen: here the place on disk is named after the content of all sources.
 import hashlib
 import inspect
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
@@ -24,8 +23,9 @@ def _cache_folder() -> str:
     here = Path(__file__).parent
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(here.rglob("*.py")))).hexdigest()[:16]
     beside = here / "__pycache__"
-    writable = os.access(beside if beside.is_dir() else here, os.W_OK)
-    return str((beside if writable else Path(tempfile.gettempdir())) / f"yarnval-{digest}")
+    if not os.access(beside if beside.is_dir() else here, os.W_OK):
+        beside = Path.home() / ".cache" / "yarnval"  # never a folder that others may write to: machine code is run
+    return str(beside / f"models-{digest}")
 
 
 _FOLDER = _cache_folder()

@@ -6,6 +6,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from pipeline.atomic import whole_file
 from pipeline.errors import InputError
@@ -44,11 +45,10 @@ def read_errors(report: Path) -> tuple[str, tuple[Comparison, ...]]:
         raise InputError(file, f"truncated or not errors.json of a report ({error})", right) from None
 
 
-def _comparison(row: dict[str, object]) -> Comparison:
-    numbers = {name: math.nan if value is None else value for name, value in row.items()}
-    return Comparison(
-        **numbers | {"quantity": Quantity(str(row["quantity"])), "missing_u": tuple(row["missing_u"])}  # type: ignore[arg-type]
-    )
+def _comparison(row: dict[str, Any]) -> Comparison:
+    known: dict[str, Any] = {name: math.nan if value is None else value for name, value in row.items()}
+    known |= {"quantity": Quantity(row["quantity"]), "missing_u": tuple(row["missing_u"])}
+    return Comparison(**known)
 
 
 def as_json(row: Comparison) -> dict[str, object]:

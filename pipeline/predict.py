@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
-from threadpoolctl import ThreadpoolController
 
 from models.outcome import Ends, Solution
 from models.scene import Scene
@@ -20,16 +19,14 @@ from pipeline.case import Case
 from pipeline.errors import InputError, nearest
 from pipeline.keys import SceneKeys
 from pipeline.records import Prediction, Quantity
+from pipeline.threads import one_thread
 
 TIMED_SOLVES = 3
-
-# The matrices of a solve are so small that several BLAS threads only wait for each other.
-_BLAS = ThreadpoolController()
 
 
 def predict(case: Case, models: Sequence[str]) -> tuple[Prediction, ...]:
     """Solve one case with each model. A solve that fails keeps its place, with its outcome and reason."""
-    with _BLAS.limit(limits=1):
+    with one_thread():
         return tuple(_predict_one(case, model) for model in models)
 
 
@@ -175,7 +172,7 @@ def predict_rows(scenes: Sequence[TableScene], models: Sequence[str]) -> Iterato
                 yield _bad_row(scene, model)
                 continue
             begin = time.perf_counter()
-            with _BLAS.limit(limits=1):
+            with one_thread():
                 solution = MODELS[model](scene.scene)
             yield _row(scene.case, model, solution, time.perf_counter() - begin)
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from models.outcome import Profile, Solution
 from models.scene import Scene
@@ -19,8 +18,7 @@ from models.solve import MODELS
 from pipeline.errors import InputError, refuse_unknown
 from pipeline.keys import DimensionlessKeys, ParameterKeys, SceneKeys, SetKeys, SweepKeys, read_toml, validated
 from pipeline.records import Array
-
-_BLAS = ThreadpoolController()
+from pipeline.threads import one_thread
 
 PROFILES = ("p3", "T", "theta", "bending", "torsion")
 """What is known along the contact, by the first part of a result's name."""
@@ -254,7 +252,7 @@ def _quoted(file: Path, keys: SweepKeys) -> list[Quoted]:
 
 def run_sweep(sweep: Sweep) -> tuple[SweepRow, ...]:
     """Solve everything, ordered by study, value, set and model."""
-    with _BLAS.limit(limits=1):
+    with one_thread():
         return tuple(
             _solve(sweep, study, value, pair, model)
             for study in sweep.studies
