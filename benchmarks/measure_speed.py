@@ -92,6 +92,7 @@ def measure(video: RawVideo, threads: int) -> None:
 
 def structure_tensor(images: list[Pixels], count: int) -> None:
     """The peer: axis and width from region properties, surface angle from the structure tensor within the region."""
+    # Here, because only this peer needs it.
     from skimage.feature import structure_tensor as tensor  # noqa: PLC0415
     from skimage.filters import threshold_otsu  # noqa: PLC0415
     from skimage.measure import label, regionprops  # noqa: PLC0415

@@ -43,6 +43,9 @@ class PrescribedRotation(NamedTuple):
     """Trial value of n₁/v."""
 
 
+printed_boundary = inner(cosserat.boundary)
+
+
 def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> None:
     """The printed conditions, with n₁ prescribed."""
     printed_boundary(problem, left, right, w, out)
@@ -50,11 +53,6 @@ def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> 
 
 
 register(PrescribedRotation, equations, boundary)
-
-
-printed_boundary = inner(cosserat.boundary)
-
-
 ROD = Rod(NAME, PrescribedRotation, normal_force)
 
 
@@ -98,7 +96,7 @@ def _solve_on(
         if result.status is not NewtonStatus.CONVERGED:
             return failed(scene, NAME, *newton_outcome(result.status))
         fields = result.fields
-        updated = problem.twist_rotation(float(rod_ends(problem, result)[1]))
+        updated = problem.twist_rotation(float(rod_ends(problem.tension_CD, result.fields[:, 0])[1]))
         change, w = abs(updated - w), updated
         if change < ROTATION_TOLERANCE:
             stats = Stats(iterations, result.residual, result.boundary_residual, result.step, intervals + 1)

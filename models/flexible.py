@@ -94,10 +94,10 @@ def solve_fields(scene: Dimensionless) -> tuple[BoundaryValueResult, int, Array 
             iterations += result.iterations
             if result.status is not NewtonStatus.CONVERGED:
                 return result, degree, None, iterations
-        ends = _ends(scene, result)
-        if previous is not None and relative_change(ends, previous) < PRECISION:
-            return result, degree, ends - previous, iterations
-        previous = ends
+        found = ends(scene.tension_CD, result.fields[:, 0])
+        if previous is not None and relative_change(found, previous) < PRECISION:
+            return result, degree, found - previous, iterations
+        previous = found
     assert result is not None
     return result, degree, None, iterations
 
@@ -120,10 +120,11 @@ def as_fields(scene: Dimensionless, degree: int, result: BoundaryValueResult) ->
     return Fields(scene, psi, theta, slope, tension, tau, result.w, tension * sine**2)
 
 
-def _ends(scene: Dimensionless, result: BoundaryValueResult) -> Array:
-    q, log_p, tau = result.fields[:, 0]
+def ends(tension_CD: Any, at_B: Values) -> Values:
+    """p₃AB, T_AB and θ_B, dimensionless, shape (3,), from q, ln(p₃/p₃CD) and τ at B; analytic."""
+    q, log_p, tau = at_B
     twist = (tau + np.tanh(q) / np.cosh(q)) / (2 * np.pi)
-    return np.array([scene.tension_CD * np.exp(log_p), twist, 2 * np.arctan(np.exp(q))])
+    return np.array([tension_CD * np.exp(log_p), twist, 2 * np.arctan(np.exp(q))])
 
 
 def _start(scene: Dimensionless, discretisation: Discretisation) -> tuple[Array, float]:

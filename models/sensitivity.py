@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models import cosserat, flexible, kirchhoff, slow_manifold
+from models import capstan, cosserat, flexible, kirchhoff, slow_manifold
 from models.boundary_value import COMPLEX_STEP, Array, BoundaryValueResult, Collocated, parameter_slopes
 from models.discretisation import chebyshev_collocation
 from models.newton import NewtonStatus
@@ -31,16 +31,16 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     are those of the latter. None where the model has no solution for the scene.
     """
     problem = scene.dimensionless()
-    if model in (flexible.NAME, "capstan"):
+    if model in (flexible.NAME, capstan.NAME):
         result, degree, error, _ = flexible.solve_fields(problem)
         if error is None or result.status is not NewtonStatus.CONVERGED:
             return None
-        return _sensitivities(scene, result, degree, flexible.ORDERS, flexible.Flexible, _flexible_ends)
+        return _sensitivities(scene, result, degree, flexible.ORDERS, flexible.Flexible, flexible.ends)
     rod: Rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
     found = slow_manifold.search(problem, rod)
     if found.error is None or found.result is None:
         return None
-    return _sensitivities(scene, found.result, found.degree, slow_manifold.ORDERS, rod.problem, _rod_ends)
+    return _sensitivities(scene, found.result, found.degree, slow_manifold.ORDERS, rod.problem, slow_manifold.rod_ends)
 
 
 def _sensitivities(
@@ -49,7 +49,7 @@ def _sensitivities(
     degree: int,
     orders: NDArray[np.int64],
     make: Callable[[Complex], Any],
-    dimensionless_ends: Callable[[Any, Complex], tuple[Any, Any, Any]],
+    dimensionless_ends: Callable[[Any, Complex], NDArray[Any]],
 ) -> dict[str, Ends]:
     x = np.append(result.fields, result.w)
     m, size = result.fields.shape
@@ -76,16 +76,3 @@ def _sensitivities(
         unit = COMPLEX_STEP * (abs(getattr(scene, name)) or 1.0)
         found[name] = Ends(*map(float, ends.imag / unit))
     return found
-
-
-def _flexible_ends(tension_CD: Any, at_B: Complex) -> tuple[Any, Any, Any]:
-    """p₃AB, T_AB, θ_B from q, ln(p₃/p₃CD) and τ at B."""
-    q, log_p, tau = at_B
-    twist = (tau + np.tanh(q) / np.cosh(q)) / (2 * np.pi)
-    return tension_CD * np.exp(log_p), twist, 2 * np.arctan(np.exp(q))
-
-
-def _rod_ends(tension_CD: Any, at_B: Complex) -> tuple[Any, Any, Any]:
-    """p₃AB, T_AB, θ_B from θ, p₃/p₃CD and τ at B."""
-    theta, p, tau = at_B
-    return tension_CD * p, (tau - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta

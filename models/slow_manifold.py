@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from models import flexible
-from models.boundary_value import Array, BoundaryValueResult, solve
+from models.boundary_value import Array, BoundaryValueResult, Values, solve
 from models.discretisation import Discretisation, chebyshev_collocation, interpolation
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
@@ -97,7 +97,7 @@ def search(problem: Dimensionless, rod: Rod) -> SlowManifold:
         condition = result.condition
         if result.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:
             break
-        ends = rod_ends(problem, result)
+        ends = rod_ends(problem.tension_CD, result.fields[:, 0])
         if previous is not None:
             change = relative_change(ends, previous)
             if change < smallest_change:
@@ -122,10 +122,10 @@ def search(problem: Dimensionless, rod: Rod) -> SlowManifold:
     return best
 
 
-def rod_ends(scene: Dimensionless, result: BoundaryValueResult) -> Array:
-    """p₃AB, T_AB and θ_B, dimensionless, shape (3,)."""
-    theta, tension, tau = result.fields[:, 0]
-    return np.array([tension * scene.tension_CD, (tau - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta])
+def rod_ends(tension_CD: Any, at_B: Values) -> Values:
+    """p₃AB, T_AB and θ_B, dimensionless, shape (3,), from θ, p₃/p₃CD and τ at B; analytic."""
+    theta, tension, tau = at_B
+    return np.array([tension * tension_CD, (tau - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta])
 
 
 def rod_fields(
