@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import compiled, implement
+from models.compiled import compiled, implement, inner
 from models.discretisation import Discretisation
-from models.newton import NewtonStatus, evaluate, newton
+from models.newton import NewtonStatus, condition_number, jacobian, newton, residual
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
@@ -57,92 +57,116 @@ class Collocated(NamedTuple):
     """The discretisation's matrices, shape (4, n, n + 1)."""
 
 
-def assemble(problem: Collocated, x: Array, value: Array, jacobian: Array) -> None:
-    """Fill residual, shape (m n + m + 1,), and Jacobian; x holds the nodal values of field 0, of field 1, …, then w."""
+@inner
+def argument_count(orders: NDArray[np.int64]) -> int:
+    """Number of fields and derivatives that the equations at a point take."""
+    count = 0
+    for order in orders:
+        count += order + 1
+    return count
+
+
+@inner
+def pointwise_arguments(orders: NDArray[np.int64], derivatives: Values, j: int, x: Array, f: Values) -> None:
+    """Fill f with the fields and their derivatives at collocation point j."""
+    size, a = derivatives.shape[2], 0
+    for i in range(orders.shape[0]):
+        for k in range(orders[i] + 1):
+            f[a] = 0.0
+            for node in range(size):
+                f[a] += derivatives[k, j, node] * x[i * size + node]
+            a += 1
+
+
+@inner
+def residuals(collocated: Collocated, x: Array, w: Any, value: Values) -> None:
+    """Fill all residuals, shape (m n + m + 1,), real or complex as `value` is."""
+    problem, orders, derivatives = collocated.problem, collocated.orders, collocated.derivatives
+    m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
+    f, out = np.empty(argument_count(orders), value.dtype), np.empty(m, value.dtype)
+    for j in range(n):
+        pointwise_arguments(orders, derivatives, j, x, f)
+        equations(problem, f, w, out)
+        for e in range(m):
+            value[e * n + j] = out[e]
+    left, right = np.empty(m, value.dtype), np.empty(m, value.dtype)
+    for i in range(m):
+        left[i], right[i] = x[i * size], x[(i + 1) * size - 1]
+    boundary(problem, left, right, w, value[m * n :])
+
+
+def fill_residual(problem: Collocated, x: Array, value: Array) -> None:
+    """F(x), shape (m n + m + 1,); x holds the nodal values of field 0, of field 1, …, then w."""
+    residuals(problem, x, x[-1], value)
+
+
+def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
+    """∂F/∂x by one complex step per pointwise argument, chained with the discretisation's matrices."""
     pointwise, orders, derivatives = problem.problem, problem.orders, problem.derivatives
     m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
-    count = m + np.sum(orders)
+    count = argument_count(orders)
     step = 1j * COMPLEX_STEP
-    jacobian[:] = 0.0
+    matrix.fill(0.0)
     f, out = np.empty(count, np.complex128), np.empty(m, np.complex128)
-    field, order = np.empty(count, np.int64), np.empty(count, np.int64)
-    a = 0
-    for i in range(m):
-        for k in range(orders[i] + 1):
-            field[a], order[a] = i, k
-            a += 1
+    w = x[-1] + 0j
     for j in range(n):
-        for a in range(count):
-            total = 0.0
-            for node in range(size):
-                total += derivatives[order[a], j, node] * x[field[a] * size + node]
-            f[a] = total
-        for a in range(count + 1):  # one direction per pointwise argument, and the last for w
-            w = x[-1] + 0j
-            if a < count:
-                f[a] += step
-            else:
-                w += step
-            equations(pointwise, f, w, out)
-            for e in range(m):
-                slope, row = out[e].imag / COMPLEX_STEP, e * n + j
-                if a == count:
-                    value[row] = out[e].real
-                    jacobian[row, -1] = slope
-                elif slope != 0.0:
-                    for node in range(size):
-                        jacobian[row, field[a] * size + node] += slope * derivatives[order[a], j, node]
-            if a < count:
-                f[a] = f[a].real
-    ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
-    for a in range(2 * m + 1):
+        pointwise_arguments(orders, derivatives, j, x, f)
+        a = 0
         for i in range(m):
-            ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
-        ends[2 * m] = x[-1]
+            for k in range(orders[i] + 1):
+                f[a] += step
+                equations(pointwise, f, w, out)
+                f[a] = f[a].real
+                a += 1
+                for e in range(m):
+                    slope = out[e].imag / COMPLEX_STEP
+                    if slope != 0.0:
+                        row, weights = matrix[e * n + j, i * size : (i + 1) * size], derivatives[k, j]
+                        for node in range(size):
+                            row[node] += slope * weights[node]
+        equations(pointwise, f, w + step, out)
+        for e in range(m):
+            matrix[e * n + j, -1] = out[e].imag / COMPLEX_STEP
+    ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
+    for i in range(m):
+        ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
+    ends[2 * m] = w
+    for a in range(2 * m + 1):
         ends[a] += step
         boundary(pointwise, ends[:m], ends[m : 2 * m], ends[2 * m], conditions)
+        ends[a] = ends[a].real
         column = a * size if a < m else ((a - m + 1) * size - 1 if a < 2 * m else m * size)
         for e in range(m + 1):
-            value[m * n + e] = conditions[e].real
-            jacobian[m * n + e, column] = conditions[e].imag / COMPLEX_STEP
+            matrix[m * n + e, column] = conditions[e].imag / COMPLEX_STEP
 
 
-implement(evaluate, Collocated, assemble)
+implement(residual, Collocated, fill_residual)
+implement(jacobian, Collocated, fill_jacobian)
 
 
 @compiled
 def solve_compiled(
     collocated: Collocated, x: Array, tolerances: tuple[float, float], max_iterations: int
-) -> tuple[int, int, float, float, Array, Array]:
+) -> tuple[int, int, float, Array, float]:
     """Newton's method on a collocated problem; compiled once for each problem type."""
-    return newton(collocated, x, tolerances[0], tolerances[1], max_iterations)
+    status, iterations, step, value, system = newton(collocated, x, tolerances[0], tolerances[1], max_iterations)
+    return status, iterations, step, value, condition_number(system)
+
+
+@compiled
+def jacobian_matrix(problem: Collocated, x: Array) -> Array:
+    """∂F/∂x at x, shape (m n + m + 1, m n + m + 1)."""
+    matrix = np.empty((x.shape[0], x.shape[0]))
+    jacobian(problem, x, matrix)
+    return matrix
 
 
 @compiled
 def parameter_slopes(problem: Collocated, x: Array) -> Array:
     """∂F/∂λ at x, shape (m n + m + 1,): the problem's numbers and matrices are complex, moved by COMPLEX_STEP in λ."""
-    pointwise, orders, derivatives = problem.problem, problem.orders, problem.derivatives
-    m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
-    slopes = np.empty(m * n + m + 1)
-    f, out = np.empty(m + np.sum(orders), np.complex128), np.empty(m, np.complex128)
-    w = x[-1] + 0j
-    for j in range(n):
-        a = 0
-        for i in range(m):
-            for k in range(orders[i] + 1):
-                f[a] = 0.0
-                for node in range(size):
-                    f[a] += derivatives[k, j, node] * x[i * size + node]
-                a += 1
-        equations(pointwise, f, w, out)
-        for e in range(m):
-            slopes[e * n + j] = out[e].imag / COMPLEX_STEP
-    ends, conditions = np.empty(2 * m, np.complex128), np.empty(m + 1, np.complex128)
-    for i in range(m):
-        ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
-    boundary(pointwise, ends[:m], ends[m:], w, conditions)
-    slopes[m * n :] = conditions.imag / COMPLEX_STEP
-    return slopes
+    value = np.empty(x.shape[0], np.complex128)
+    residuals(problem, x, x[-1] + 0j, value)
+    return value.imag / COMPLEX_STEP
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,13 +182,8 @@ class BoundaryValueResult:
     """Largest residual of the equations."""
     boundary_residual: float
     """Largest residual of the boundary conditions."""
-    jacobian: Array
-    """At the last iterate, for conditioning and sensitivities."""
-
-    @property
-    def condition(self) -> float:
-        """Condition number of the Jacobian in the 1-norm; infinite where it is singular."""
-        return float(np.linalg.cond(self.jacobian, 1))
+    condition: float
+    """Condition number of the last Jacobian in the 1-norm, estimated; infinite where there is none."""
 
 
 def solve(
@@ -176,12 +195,12 @@ def solve(
     *,
     step_tolerance: float = 1e-11,
     residual_tolerance: float = 1e-9,
-    max_iterations: int = 40,
+    max_iterations: int = 60,
 ) -> BoundaryValueResult:
     """Solve from nodal start values `fields`, shape (m, n + 1), and `w`, all equations in one Newton system."""
     x = np.append(fields, w)
     collocated = Collocated(problem, orders, discretisation.derivatives)
-    status, iterations, _, step, value, jacobian = solve_compiled(
+    status, iterations, step, value, condition = solve_compiled(
         collocated, x, (step_tolerance, residual_tolerance), max_iterations
     )
     m, size = fields.shape
@@ -194,5 +213,5 @@ def solve(
         step=step,
         residual=float(np.max(np.abs(value[:rows]))),
         boundary_residual=float(np.max(np.abs(value[rows:]))),
-        jacobian=jacobian,
+        condition=condition,
     )

@@ -10,22 +10,41 @@ is searched for. Exact where the cylinder is at rest (v_b = 0), where α does no
 the flexible yarn, and an error that grows with v_b/v and with the change of θ along the wrap.
 """
 
-import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import root_scalar
 
-from models.outcome import Outcome, Solution, Stats
-from models.scene import Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, solution
+from models.boundary_value import COMPLEX_STEP
+from models.compiled import compiled, inner
+from models.friction import friction_direction
+from models.newton import CONVERGED, MAX_ITERATIONS_REACHED
+from models.outcome import Solution
+from models.refinement import NEWTON_FAILED, SETTLED, Refined, record
+from models.scene import (
+    FRICTION,
+    SPAN_RATIO,
+    TENSION_CD,
+    TWIST_CD,
+    TWIST_CONGESTION,
+    TWIST_TRAPPING,
+    WRAP_ANGLE,
+    YARN_RADIUS,
+    Dimensionless,
+    Scene,
+)  # fmt: skip
+from models.solution import PROFILE_POINTS, Fields, solution
 
 Array = NDArray[np.float64]
+Values = NDArray[Any]
 
 NAME = "capstan"
 ALONG = 1e-9
 """|cosα| below which friction counts as along the yarn."""
+PRECISION = 1e-13
+"""Newton's correction of n₁/v, relative to 1 + |n₁/v|, at which the search ends."""
+MAX_ITERATIONS = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,51 +80,101 @@ class ConstantFriction:
         return self.tau_C + self.yarn_radius * cosine / sine * (self.tension_C - self.tension(psi))
 
 
-def solve_capstan(scene: Scene) -> Solution:
-    """Solve by the closed forms. The outcome says what happened."""
-    problem = scene.dimensionless()
-
-    def mismatch(w: float) -> float:
-        return w - problem.twist_rotation(_twist_AB(_closed_form(problem, w)))
-
-    start = problem.twist_rotation(problem.twist_CD)
-    with np.errstate(all="ignore"):  # a secant may leave the domain; it is then not converged
-        found = root_scalar(mismatch, x0=start, x1=start + 1e-3, method="secant", xtol=1e-13, rtol=1e-13, maxiter=100)
-    residual = abs(mismatch(found.root)) if math.isfinite(found.root) else math.nan
-    if not (found.converged and residual <= 1e-9 * (1 + abs(found.root))):
-        text = f"{Outcome.NOT_CONVERGED.value} (n₁ was not found in {found.iterations} secant steps)"
-        return failed(scene, NAME, Outcome.NOT_CONVERGED, text)
-    w = float(found.root)
-    form = _closed_form(problem, w)
-    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
-    theta, tension = form.theta(psi), form.tension(psi)
-    slope = problem.friction * np.cos(form.alpha) * np.sin(theta)
-    fields = Fields(problem, psi, theta, slope, tension, form.tau(psi), w, tension * np.sin(theta) ** 2)
-    stats = Stats(iterations=int(found.iterations), residual=0.0, boundary_residual=residual)
-    return solution(scene, NAME, fields, np.abs(fields.ends) * np.finfo(float).eps, stats)
-
-
-def _closed_form(scene: Dimensionless, w: float) -> ConstantFriction:
-    """The closed form for a trial n₁/v."""
-    across = scene.cylinder_speed + 2 * math.pi * scene.yarn_radius * (w - scene.twist_CD)
-    alpha = math.atan2(1.0, across)
+@inner
+def closed_form(scene: Values, w: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+    """cosα, sinα; θ and τ at B; ln(p₃B/p₃CD); θ and τ at C, for a trial n₁/v; analytic."""
+    cos_alpha, sin_alpha = friction_direction(scene, 1.0, 0.0, w)
     # With x = cosθ_C and t = tanh(μ cosα φ), the spans' geometry is a quadratic: t x² + (1 + l) x + l t = 0 for
     # l = l_AB/l_CD, since cosθ_B = (x + t)/(1 + x t) by the law for q = ln tan(θ/2).
-    t, ratio = math.tanh(scene.friction * math.cos(alpha) * scene.wrap_angle), scene.span_ratio
-    cosine = -2 * ratio * t / ((1 + ratio) + math.sqrt((1 + ratio) ** 2 - 4 * ratio * t * t))
-    theta_C = math.acos(cosine)
-    return ConstantFriction(
+    turn = scene[FRICTION] * cos_alpha * scene[WRAP_ANGLE]
+    t, ratio = np.tanh(turn), scene[SPAN_RATIO]
+    cosine = -2 * ratio * t / ((1 + ratio) + np.sqrt((1 + ratio) ** 2 - 4 * ratio * t * t))
+    sine = np.sqrt(1 - cosine * cosine)
+    tangent_C = sine / (1 + cosine)  # tan(θ_C/2)
+    theta_C = 2 * np.arctan(tangent_C)
+    theta_B = 2 * np.arctan(tangent_C * np.exp(-turn))
+    tau_C = 2 * np.pi * scene[TWIST_CD] + sine * cosine
+    if abs(cos_alpha) < ALONG:
+        log_p = -scene[FRICTION] * sin_alpha * sine * scene[WRAP_ANGLE]
+    else:
+        log_p = -sin_alpha / cos_alpha * (theta_C - theta_B)
+    # τ_B = τ_C + R₀ p₃CD cotα (1 − p₃B/p₃CD), which sinα = 0 takes to R₀ p₃CD (θ_C − θ_B).
+    drop = theta_C - theta_B if abs(sin_alpha) < ALONG else cos_alpha / sin_alpha * (1 - np.exp(log_p))
+    tau_B = tau_C + scene[YARN_RADIUS] * scene[TENSION_CD] * drop
+    return cos_alpha, sin_alpha, theta_B, tau_B, log_p, theta_C, tau_C
+
+
+@inner
+def mismatch(scene: Values, w: Any) -> Any:
+    """W − η (T_AB − k T_CD)."""
+    _, _, theta_B, tau_B, _, _, _ = closed_form(scene, w)
+    twist_AB = (tau_B - np.sin(theta_B) * np.cos(theta_B)) / (2 * np.pi)
+    return w - scene[TWIST_CONGESTION] * (twist_AB - scene[TWIST_TRAPPING] * scene[TWIST_CD])
+
+
+@inner
+def search(scene: Array) -> Refined:
+    """Newton's method for n₁/v."""
+    w = scene[TWIST_CONGESTION] * (1 - scene[TWIST_TRAPPING]) * scene[TWIST_CD]
+    status, step, iterations, value = MAX_ITERATIONS_REACHED, np.inf, 0, np.nan
+    while iterations < MAX_ITERATIONS and status != CONVERGED:
+        moved = mismatch(scene, w + 1j * COMPLEX_STEP)
+        step = -moved.real / (moved.imag / COMPLEX_STEP)
+        w += step
+        iterations += 1
+        value = mismatch(scene, w)
+        if abs(step) <= PRECISION * (1 + abs(w)):
+            status = CONVERGED
+        elif not np.isfinite(step):
+            break
+    _, _, theta_B, tau_B, log_p, theta_C, _ = closed_form(scene, w)
+    tension = scene[TENSION_CD] * np.exp(log_p)
+    at_B = np.array([tension, (tau_B - np.sin(theta_B) * np.cos(theta_B)) / (2 * np.pi), theta_B])
+    normal_B, normal_C = tension * np.sin(theta_B) ** 2, scene[TENSION_CD] * np.sin(theta_C) ** 2
+    return Refined(
+        SETTLED if status == CONVERGED else NEWTON_FAILED, status, 0, np.empty((3, 0)), w, at_B,
+        np.finfo(np.float64).eps * at_B, np.finfo(np.float64).eps, theta_C, min(normal_B, normal_C),
+        0.0 if normal_B < normal_C else scene[WRAP_ANGLE], iterations, step, 0.0, abs(value), np.nan,
+    )  # fmt: skip
+
+
+@compiled
+def find(scene: Array) -> Refined:
+    """Solve one scene, `Dimensionless.vector`."""
+    return search(scene)
+
+
+@compiled
+def find_rows(scenes: Array, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    for i in range(scenes.shape[0]):
+        record(search(scenes[i]), table[i])
+
+
+def solve_rows(scenes: Array, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    find_rows(scenes, table)
+
+
+def solve_capstan(scene: Scene, *, profile: bool = True) -> Solution:
+    """Solve by the closed forms; without `profile` the numbers only. The outcome says what happened."""
+    problem = scene.dimensionless()
+    found = find(problem.vector)
+    return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None)
+
+
+def _fields(scene: Dimensionless, found: Refined) -> Fields:
+    across = scene.cylinder_speed + 2 * np.pi * scene.yarn_radius * (found.w - scene.twist_CD)
+    form = ConstantFriction(
         wrap_angle=scene.wrap_angle,
         friction=scene.friction,
-        alpha=alpha,
+        alpha=float(np.arctan2(1.0, across)),
         yarn_radius=scene.yarn_radius,
-        theta_C=theta_C,
+        theta_C=found.theta_C,
         tension_C=scene.tension_CD,
-        tau_C=2 * math.pi * scene.twist_CD + math.sin(theta_C) * cosine,
+        tau_C=2 * np.pi * scene.twist_CD + float(np.sin(found.theta_C) * np.cos(found.theta_C)),
     )
-
-
-def _twist_AB(form: ConstantFriction) -> float:
-    at_B = np.zeros(1)
-    theta = float(form.theta(at_B)[0])
-    return (float(form.tau(at_B)[0]) - math.sin(theta) * math.cos(theta)) / (2 * math.pi)
+    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
+    theta, tension = form.theta(psi), form.tension(psi)
+    slope = scene.friction * np.cos(form.alpha) * np.sin(theta)
+    return Fields(scene, psi, theta, slope, tension, form.tau(psi), tension * np.sin(theta) ** 2)

@@ -47,7 +47,7 @@ def inner(function: Function) -> Function:
     return cast(Function, numba.njit(error_model="numpy", nogil=True)(function))
 
 
-def implement(generic: Callable[..., None], kind: type[Any], implementation: Callable[..., None]) -> None:
+def implement(generic: Callable[..., Any], kind: type[Any], implementation: Callable[..., Any]) -> None:
     """Let compiled calls of `generic` run `implementation` where the first argument is a NamedTuple of type `kind`.
 
     This, rather than a function as an argument: machine code that holds a function's address cannot be kept on disk.
@@ -57,7 +57,7 @@ def implement(generic: Callable[..., None], kind: type[Any], implementation: Cal
     # numba compares the signatures of the two functions below with their annotations: both go without.
     plain = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
 
-    def choose(first: Any, *_: Any) -> Callable[..., None] | None:
+    def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
         return plain if getattr(first, "instance_class", None) is kind else None
 
     choose.__signature__ = inspect.signature(plain)  # pyright: ignore[reportFunctionMemberAccess]

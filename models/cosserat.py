@@ -22,11 +22,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.boundary_value import Array, Values, register
-from models.compiled import compiled, inner
+from models.compiled import compiled, implement, inner
+from models.flexible import integration_matrices, refine
 from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
+from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Rod, solve_slow_manifold
+from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search, solve_slow_manifold
 
 NAME = "cosserat"
 
@@ -88,8 +90,16 @@ def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values)
 register(Printed, equations, boundary)
 
 
+def own_normal_force(problem: Printed, f: Values) -> Any:
+    """N in units of p₃CD/r₀."""
+    return balance(problem.scene, f)[1]
+
+
+implement(normal_force, Printed, own_normal_force)
+
+
 @compiled
-def normal_force(scene: Array, values: Array) -> Array:
+def normal_forces(scene: Array, values: Array) -> Array:
     """N in K/r₀³, shape (n,), from the pointwise arguments of `balance`, shape (8, n)."""
     normal = np.empty(values.shape[1])
     for j in range(values.shape[1]):
@@ -97,9 +107,28 @@ def normal_force(scene: Array, values: Array) -> Array:
     return normal
 
 
-ROD = Rod(NAME, Printed, normal_force)
+@compiled
+def find(scene: Array, integration: tuple[Array, ...], matrices: Matrices) -> Refined:
+    """Solve one scene, `Dimensionless.vector`."""
+    return search(Printed(scene), refine(scene, integration), matrices)
 
 
-def solve_cosserat(scene: Scene) -> Solution:
-    """Solve the printed equations on their slow manifold."""
-    return solve_slow_manifold(scene, ROD)
+@compiled
+def find_rows(scenes: Array, integration: tuple[Array, ...], matrices: Matrices, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    for i in range(scenes.shape[0]):
+        scene = scenes[i].copy()
+        record(search(Printed(scene), refine(scene, integration), matrices), table[i])
+
+
+ROD = Rod(NAME, Printed, find, normal_forces)
+
+
+def solve_rows(scenes: Array, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    find_rows(scenes, integration_matrices(), collocation_matrices(), table)
+
+
+def solve_cosserat(scene: Scene, *, profile: bool = True) -> Solution:
+    """Solve the printed equations on their slow manifold; without `profile` the numbers only."""
+    return solve_slow_manifold(scene, ROD, profile=profile)

@@ -14,15 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models import cosserat, flexible
-from models.boundary_value import BoundaryValueResult, Values, register, solve
+from models.boundary_value import Array, Values, register, solve
 from models.compiled import inner
-from models.cosserat import equations, normal_force
+from models.cosserat import equations
 from models.discretisation import finite_differences, interpolation
 from models.newton import NewtonStatus
-from models.outcome import Outcome, Solution, Stats
+from models.outcome import Outcome, Solution
+from models.refinement import DRIFTING, NEWTON_FAILED, SETTLED, START_FAILED, Refined, relative_change
 from models.scene import Dimensionless, Scene
-from models.slow_manifold import ORDERS, Rod, rod_ends, rod_fields
-from models.solution import Fields, failed, newton_outcome, relative_change, solution
+from models.slow_manifold import ORDERS, rod_ends, rod_fields
+from models.solution import Fields, failed, solution
 
 NAME = "cosserat-fd"
 INTERVALS = 40
@@ -53,39 +54,35 @@ def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> 
 
 
 register(PrescribedRotation, equations, boundary)
-ROD = Rod(NAME, PrescribedRotation, normal_force)
 
 
-def solve_cosserat_fd(scene: Scene, intervals: int = INTERVALS) -> Solution:
-    """Solve with `intervals` equal intervals (≥ 10, even). The outcome says what happened."""
+def solve_cosserat_fd(scene: Scene, intervals: int = INTERVALS, *, profile: bool = True) -> Solution:
+    """Solve with `intervals` equal intervals (≥ 10, even); without `profile` the numbers only.
+
+    The outcome says what happened.
+    """
     problem = scene.dimensionless()
-    start, _, error, _ = flexible.solve_fields(problem)
-    if error is None:
-        return failed(scene, NAME, Outcome.NOT_CONVERGED, f"the flexible start failed ({start.status.text})")
-    coarse = _solve_on(scene, problem, start, intervals // 2)
-    if isinstance(coarse, Solution):
-        return coarse
-    fine = _solve_on(scene, problem, start, intervals)
-    if isinstance(fine, Solution):
-        return fine
-    fields, stats = fine
-    change = relative_change(fields.ends, coarse[0].ends)
-    if change > LARGEST_CHANGE:
-        text = f"{Outcome.NO_SCALE_SEPARATION.value} (the ends change by {change:.1e} between the two grids)"
-        return failed(scene, NAME, Outcome.NO_SCALE_SEPARATION, text, stats=stats)
-    return solution(scene, NAME, fields, (fields.ends - coarse[0].ends) / 3, stats)
+    start = flexible.find(problem.vector, flexible.integration_matrices())
+    if start.ending != SETTLED:
+        return solution(scene, NAME, start._replace(ending=START_FAILED), None)
+    coarse = _solve_on(problem, start, intervals // 2)
+    if isinstance(coarse, str):
+        return failed(scene, NAME, Outcome.NOT_CONVERGED, coarse)
+    fine = coarse if coarse.ending != SETTLED else _solve_on(problem, start, intervals)
+    if isinstance(fine, str):
+        return failed(scene, NAME, Outcome.NOT_CONVERGED, fine)
+    if fine.ending == SETTLED:
+        change = fine.ends - coarse.ends
+        size = float(relative_change(fine.ends, coarse.ends))
+        fine = fine._replace(change=change / 3, size=size, ending=SETTLED if size <= LARGEST_CHANGE else DRIFTING)
+    return solution(scene, NAME, fine, (lambda: _fields(problem, fine)) if profile else None)
 
 
-def _solve_on(
-    scene: Scene, problem: Dimensionless, start: BoundaryValueResult, intervals: int
-) -> tuple[Fields, Stats] | Solution:
-    """Fields on one grid, or the failed solution."""
-    degree = start.fields.shape[1] - 1
-    nodal = flexible.start_values(problem, start, degree)
-    # θ rises or falls along the whole contact; the fast mode of E1 grows towards B where τθ' > 0.
-    fast_mode_at_B = bool(nodal[2].mean() * (nodal[0, -1] - nodal[0, 0]) >= 0)
-    grid = finite_differences(intervals, problem.wrap_angle, closed_at_start=fast_mode_at_B)
-    fields, w = nodal @ interpolation(degree, intervals, even=True).T, start.w
+def _solve_on(problem: Dimensionless, start: Refined, intervals: int) -> Refined | str:
+    """The solution on one grid, or why n₁ was not found."""
+    nodal = np.array([2 * np.arctan(np.exp(start.fields[0])), np.exp(start.fields[1]), start.fields[2]])
+    grid = finite_differences(intervals, problem.wrap_angle, closed_at_start=_fast_mode_at_B(nodal))
+    fields, w = nodal @ interpolation(start.degree, intervals, even=True).T, float(start.w)
     iterations, change = 0, np.inf
     for _ in range(MAX_ROTATIONS):
         result = solve(
@@ -93,16 +90,31 @@ def _solve_on(
             step_tolerance=1e-8, residual_tolerance=TOLERANCE / problem.tension_CD,
         )  # fmt: skip
         iterations += result.iterations
-        if result.status is not NewtonStatus.CONVERGED:
-            return failed(scene, NAME, *newton_outcome(result.status))
         fields = result.fields
-        updated = problem.twist_rotation(float(rod_ends(problem.tension_CD, result.fields[:, 0])[1]))
+        ends = rod_ends(problem.tension_CD, *fields[:, 0])
+        found = Refined(
+            SETTLED, result.status, intervals, fields, w, ends, np.full(3, np.nan), np.inf, fields[0, -1],
+            np.inf, np.nan, iterations, result.step, result.residual, result.boundary_residual, result.condition,
+        )  # fmt: skip
+        if result.status is not NewtonStatus.CONVERGED:
+            return found._replace(ending=NEWTON_FAILED)
+        updated = problem.twist_rotation(float(ends[1]))
         change, w = abs(updated - w), updated
         if change < ROTATION_TOLERANCE:
-            stats = Stats(iterations, result.residual, result.boundary_residual, result.step, intervals + 1)
-            return rod_fields(problem, ROD, grid, result, grid.nodes, np.eye(intervals + 1)), stats
-    return failed(
-        scene, NAME, Outcome.NOT_CONVERGED,
+            normal = _fields(problem, found).normal_force
+            lowest = int(np.argmin(normal))
+            return found._replace(w=w, normal_min=float(normal[lowest]), psi_min=float(grid.nodes[lowest]))
+    return (
         f"the iteration of n₁ did not settle in {MAX_ROTATIONS} rounds (last change {change:.1e} of v/r₀): "
-        "use the model 'cosserat', which solves for n₁ in the same Newton system",
-    )  # fmt: skip
+        "use the model 'cosserat', which solves for n₁ in the same Newton system"
+    )
+
+
+def _fast_mode_at_B(nodal: Array) -> bool:
+    """Whether the fast mode of E1 grows towards B: where τθ' > 0; θ rises or falls along the whole contact."""
+    return bool(nodal[2].mean() * (nodal[0, -1] - nodal[0, 0]) >= 0)
+
+
+def _fields(problem: Dimensionless, found: Refined) -> Fields:
+    grid = finite_differences(found.degree, problem.wrap_angle, closed_at_start=True)
+    return rod_fields(problem, cosserat.ROD, found.fields, grid.nodes, grid.nodal_derivatives)

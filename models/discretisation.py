@@ -13,6 +13,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from models.compiled import inner
+
 Array = NDArray[np.float64]
 
 HIGHEST_DERIVATIVE = 3
@@ -33,7 +35,7 @@ class Discretisation:
 
 
 @lru_cache(maxsize=64)
-def _chebyshev_reference(degree: int) -> tuple[Array, Array, Array, Array]:
+def chebyshev_reference(degree: int) -> tuple[Array, Array, Array, Array]:
     """Nodes, points and matrices on [−1, 1]."""
     nodes = -np.cos(np.pi * np.arange(degree + 1) / degree)
     points = -np.cos(np.pi * (np.arange(degree) + 0.5) / degree)
@@ -52,16 +54,50 @@ def _chebyshev_reference(degree: int) -> tuple[Array, Array, Array, Array]:
 
 def chebyshev_collocation(degree: int, length: float) -> Discretisation:
     """One polynomial of the given degree (≥ 4) on [0, length]: Lobatto nodes, Gauss collocation points."""
-    nodes, points, at_points, at_nodes = _chebyshev_reference(degree)
+    nodes, points, at_points, at_nodes = chebyshev_reference(degree)
     scale = (2.0 / length) ** np.arange(HIGHEST_DERIVATIVE + 1)[:, None, None]
     return Discretisation((nodes + 1) * length / 2, (points + 1) * length / 2, at_points * scale, at_nodes * scale)
+
+
+@lru_cache(maxsize=64)
+def chebyshev_integration(degree: int) -> Array:
+    """Matrix S on [−1, 1]: (S @ values at the Lobatto nodes)[i] is the integral from node i to 1."""
+    nodes = chebyshev_reference(degree)[0]
+    to_integrals = chebyshev.chebint(np.linalg.inv(chebyshev.chebvander(nodes, degree)))
+    at_end, at_nodes = chebyshev.chebvander(np.ones(1), degree + 1), chebyshev.chebvander(nodes, degree + 1)
+    return np.ascontiguousarray((at_end - at_nodes) @ to_integrals, dtype=np.float64)
+
+
+@inner
+def resample(values: Array, degree: int) -> Array:
+    """Values at the degree + 1 Lobatto nodes of the polynomial through `values` at its own Lobatto nodes.
+
+    By the second barycentric formula (Berrut and Trefethen, SIAM Review 46 (2004) 501, Eq. 5.4).
+    """
+    n = values.shape[0] - 1
+    nodes, result = np.empty(n + 1), np.empty(degree + 1)
+    for j in range(n + 1):
+        nodes[j] = -np.cos(np.pi * j / n)
+    for i in range(degree + 1):
+        point = -np.cos(np.pi * i / degree)
+        above, below = 0.0, 0.0
+        for j in range(n + 1):
+            distance = point - nodes[j]
+            if abs(distance) < 1e-14:
+                above, below = values[j], 1.0
+                break
+            weight = (0.5 if j in (0, n) else 1.0) * (1 - 2 * (j % 2)) / distance
+            above += weight * values[j]
+            below += weight
+        result[i] = above / below
+    return result
 
 
 @lru_cache(maxsize=256)
 def interpolation(degree: int, to: int, *, even: bool = False) -> Array:
     """Matrix from values at degree + 1 Lobatto nodes to values at to + 1 Lobatto or evenly spaced points."""
-    nodes = _chebyshev_reference(degree)[0]
-    points = np.linspace(-1.0, 1.0, to + 1) if even else _chebyshev_reference(to)[0]
+    nodes = chebyshev_reference(degree)[0]
+    points = np.linspace(-1.0, 1.0, to + 1) if even else chebyshev_reference(to)[0]
     from_coefficients = chebyshev.chebvander(points, degree)
     return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, degree).T, from_coefficients.T).T, dtype=np.float64)
 

@@ -27,8 +27,8 @@ def friction_direction(scene: Values, sine: Any, cosine: Any, w: Any) -> tuple[A
     """
     across = scene[CYLINDER_SPEED] * sine + 2 * np.pi * scene[YARN_RADIUS] * (w - scene[TWIST_CD])
     along = scene[CYLINDER_SPEED] * cosine + 1.0
-    slip = np.sqrt(across * across + along * along)
-    return across / slip, along / slip
+    inverse = 1 / np.sqrt(across * across + along * along)
+    return across * inverse, along * inverse
 
 
 @inner

@@ -19,12 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.boundary_value import Array, Values, register
-from models.compiled import compiled, inner
+from models.compiled import compiled, implement, inner
 from models.cosserat import boundary
+from models.flexible import integration_matrices, refine
 from models.friction import friction_direction
 from models.outcome import Solution
+from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Rod, solve_slow_manifold
+from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search, solve_slow_manifold
 
 NAME = "kirchhoff"
 
@@ -77,8 +79,16 @@ def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
 register(Consistent, equations, boundary)
 
 
+def own_normal_force(problem: Consistent, f: Values) -> Any:
+    """N in units of p₃CD/r₀."""
+    return balance(problem.scene, f)[2]
+
+
+implement(normal_force, Consistent, own_normal_force)
+
+
 @compiled
-def normal_force(scene: Array, values: Array) -> Array:
+def normal_forces(scene: Array, values: Array) -> Array:
     """N in K/r₀³, shape (n,), from the pointwise arguments of `balance`, shape (8, n)."""
     normal = np.empty(values.shape[1])
     for j in range(values.shape[1]):
@@ -86,9 +96,28 @@ def normal_force(scene: Array, values: Array) -> Array:
     return normal
 
 
-ROD = Rod(NAME, Consistent, normal_force)
+@compiled
+def find(scene: Array, integration: tuple[Array, ...], matrices: Matrices) -> Refined:
+    """Solve one scene, `Dimensionless.vector`."""
+    return search(Consistent(scene), refine(scene, integration), matrices)
 
 
-def solve_kirchhoff(scene: Scene) -> Solution:
-    """Solve the consistent rod on its slow manifold."""
-    return solve_slow_manifold(scene, ROD)
+@compiled
+def find_rows(scenes: Array, integration: tuple[Array, ...], matrices: Matrices, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    for i in range(scenes.shape[0]):
+        scene = scenes[i].copy()
+        record(search(Consistent(scene), refine(scene, integration), matrices), table[i])
+
+
+ROD = Rod(NAME, Consistent, find, normal_forces)
+
+
+def solve_rows(scenes: Array, table: Any) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
+    find_rows(scenes, integration_matrices(), collocation_matrices(), table)
+
+
+def solve_kirchhoff(scene: Scene, *, profile: bool = True) -> Solution:
+    """Solve the consistent rod on its slow manifold; without `profile` the numbers only."""
+    return solve_slow_manifold(scene, ROD, profile=profile)

@@ -2,11 +2,12 @@
 
 Deuflhard, Newton Methods for Nonlinear Problems (2004), section 3.3: the step is shortened until the simplified
 Newton correction J⁻¹F at the trial point decreases (natural monotonicity test), which does not depend on how the
-equations are scaled. Success needs both a small correction and a small residual.
+equations are scaled. Where full steps contract well the Jacobian is kept (chord steps): for pointwise problems it costs
+ten times the residual. Success needs both a small correction and a small residual.
 """
 
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ Array = NDArray[np.float64]
 
 MIN_DAMPING = 1e-4
 """Smallest step length tried before the iteration counts as stalled."""
+GOOD_CONTRACTION = 0.2
+"""Ratio Θ of neighbouring corrections up to which another step with the same Jacobian is cheaper than a new one."""
 SMALLEST_PIVOT = 1e-15
 """Pivot relative to the largest, below which a matrix counts as singular."""
 
@@ -42,12 +45,28 @@ class NewtonStatus(IntEnum):
         )[self]
 
 
-def evaluate(problem: Any, x: Array, value: Array, jacobian: Array) -> None:
-    """Fill F(x), shape (n,), and its Jacobian, shape (n, n). `implement` gives each type of problem its own."""
+def residual(problem: Any, x: Array, value: Array) -> None:
+    """Fill F(x), shape (n,). `implement` gives each type of problem its own."""
     raise NotImplementedError(f"no equations for {type(problem).__name__}")
 
 
-_CONVERGED, _MAX_ITERATIONS, _STALLED, _SINGULAR, _NOT_FINITE = range(5)
+def jacobian(problem: Any, x: Array, matrix: Array) -> None:
+    """Fill ∂F/∂x, shape (n, n). `implement` gives each type of problem its own."""
+    raise NotImplementedError(f"no derivatives for {type(problem).__name__}")
+
+
+class LinearSystem(NamedTuple):
+    """A factorised matrix."""
+
+    factors: Array
+    """By `lu_factor`, shape (n, n)."""
+    pivots: NDArray[np.int64]
+    norm: float
+    """‖A‖₁ of the matrix itself; infinite where there is none."""
+
+
+CONVERGED, MAX_ITERATIONS_REACHED, STALLED, SINGULAR, NOT_FINITE = map(int, NewtonStatus)
+"""The reasons as compiled code knows them."""
 
 
 @inner
@@ -57,7 +76,7 @@ def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
     Written out because the matrices are small (up to about 100 rows): a call of LAPACK costs more than it saves.
     """
     n = matrix.shape[0]
-    largest, smallest = 0.0, np.inf
+    biggest, smallest = 0.0, np.inf
     for k in range(n):
         p = k
         for i in range(k + 1, n):
@@ -65,19 +84,21 @@ def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
                 p = i
         pivots[k] = p
         pivot = matrix[p, k]
-        largest, smallest = max(largest, abs(pivot)), min(smallest, abs(pivot))
+        biggest, smallest = max(biggest, abs(pivot)), min(smallest, abs(pivot))
         if pivot == 0.0:
             return False
         if p != k:
             for j in range(n):
                 matrix[k, j], matrix[p, j] = matrix[p, j], matrix[k, j]
+        upper = matrix[k, k + 1 :]
         for i in range(k + 1, n):
             factor = matrix[i, k] / pivot
             matrix[i, k] = factor
             if factor != 0.0:
-                for j in range(k + 1, n):
-                    matrix[i, j] -= factor * matrix[k, j]
-    return smallest > SMALLEST_PIVOT * largest
+                row = matrix[i, k + 1 :]  # as slices, so that the loop below becomes vector instructions
+                for j in range(row.shape[0]):
+                    row[j] -= factor * upper[j]
+    return smallest > SMALLEST_PIVOT * biggest
 
 
 @inner
@@ -99,65 +120,192 @@ def lu_solve(factors: Array, pivots: NDArray[np.int64], right: Array) -> Array:
 
 
 @inner
+def one_norm(matrix: Array) -> float:
+    """‖A‖₁, the largest column sum; infinite where an entry is not finite."""
+    result = 0.0
+    for j in range(matrix.shape[1]):
+        total = 0.0
+        for i in range(matrix.shape[0]):
+            total += abs(matrix[i, j])
+        if not np.isfinite(total):
+            return np.inf
+        result = max(result, total)
+    return result
+
+
+# Loops rather than array expressions: numba takes seconds to compile each of those, and they allocate.
+
+
+@inner
+def largest(values: Array) -> float:
+    """Max |values|; NaN where one is."""
+    result = 0.0
+    for i in range(values.shape[0]):
+        if not abs(values[i]) <= result:
+            result = abs(values[i])
+            if np.isnan(result):
+                break
+    return result
+
+
+@inner
+def norm(values: Array) -> float:
+    """Euclidean norm."""
+    total = 0.0
+    for i in range(values.shape[0]):
+        total += values[i] * values[i]
+    return np.sqrt(total)
+
+
+@inner
+def relative_step(step: Array, x: Array) -> float:
+    """Max |step| / (1 + |x|)."""
+    result = 0.0
+    for i in range(x.shape[0]):
+        result = max(result, abs(step[i]) / (1.0 + abs(x[i])))
+    return result
+
+
+@inner
+def advance(x: Array, length: float, direction: Array, result: Array) -> None:
+    """Fill x + length · direction."""
+    for i in range(x.shape[0]):
+        result[i] = x[i] + length * direction[i]
+
+
+@inner
+def assign(target: Array, source: Array) -> None:
+    """Copy into an array of the same length."""
+    for i in range(target.shape[0]):
+        target[i] = source[i]
+
+
+@inner
+def lu_solve_transposed(factors: Array, pivots: NDArray[np.int64], right: Array) -> Array:
+    """Solve with the transposed matrix; `right`, shape (n,), is not changed."""
+    n = factors.shape[0]
+    x = right.copy()
+    for i in range(n):
+        for j in range(i):
+            x[i] -= factors[j, i] * x[j]
+        x[i] /= factors[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            x[i] -= factors[j, i] * x[j]
+    for k in range(n - 1, -1, -1):
+        p = pivots[k]
+        x[k], x[p] = x[p], x[k]
+    return x
+
+
+@inner
+def condition_number(system: LinearSystem) -> float:
+    """Estimate of the condition number in the 1-norm, a lower bound that is rarely below a third of it.
+
+    ‖A⁻¹‖₁ by Higham, Accuracy and Stability of Numerical Algorithms (2002), Algorithm 15.1. Infinite for a singular
+    or not finite matrix.
+    """
+    factors, pivots = system.factors, system.pivots
+    n = factors.shape[0]
+    regular = np.isfinite(system.norm)
+    for i in range(n):
+        regular = regular and factors[i, i] != 0.0
+    if not regular:
+        return np.inf
+    x, signs = np.empty(n), np.empty(n)
+    for i in range(n):
+        x[i] = 1.0 / n
+    estimate, unit = 0.0, -1
+    for _ in range(5):
+        y = lu_solve(factors, pivots, x)
+        total = 0.0
+        for i in range(n):
+            total += abs(y[i])
+            signs[i] = 1.0 if y[i] >= 0.0 else -1.0
+        if total <= estimate:
+            break
+        estimate = total
+        z = lu_solve_transposed(factors, pivots, signs)
+        peak, product = 0, 0.0
+        for i in range(n):
+            product += z[i] * x[i]
+            if abs(z[i]) > abs(z[peak]):
+                peak = i
+        if peak == unit or abs(z[peak]) <= product:
+            break
+        unit = peak
+        for i in range(n):
+            x[i] = 1.0 if i == peak else 0.0
+    return system.norm * estimate
+
+
+@inner
 def newton(
-    problem: Any,
-    x: Array,
-    step_tolerance: float,
-    residual_tolerance: float,
-    max_iterations: int,
-) -> tuple[int, int, float, float, Array, Array]:
+    problem: Any, x: Array, step_tolerance: float, residual_tolerance: float, max_iterations: int
+) -> tuple[int, int, float, Array, LinearSystem]:
     """Solve F(x) = 0 in place.
 
     Parameters
     ----------
-    problem : an instance of a type that `evaluate` is implemented for.
+    problem : an instance of a type that `residual` and `jacobian` are implemented for.
     x : start on entry and last iterate on return, shape (n,).
-    step_tolerance : largest accepted Newton correction |J⁻¹F| at x, relative to 1 + |x|.
+    step_tolerance : largest accepted correction |J⁻¹F| at x, relative to 1 + |x|.
     residual_tolerance : largest accepted |F| at x.
-    max_iterations : Newton steps, each with one Jacobian.
+    max_iterations : steps, with a new Jacobian or the last one.
 
     Returns
     -------
     tuple
-        Status, iterations, |F| at x, the last correction, then F and the Jacobian at x; norms are maximum norms.
+        Status, iterations, the last correction (maximum norm), F at x, and the last Jacobian.
     """
     n = x.shape[0]
-    value, trial_value = np.empty(n), np.empty(n)
-    jacobian, trial_jacobian, factors = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    pivots = np.empty(n, np.int64)
-    evaluate(problem, x, value, jacobian)
-    step, damping, residual = np.inf, 1.0, np.inf
+    value, trial_value, direction, trial = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    factors, pivots = np.empty((n, n)), np.empty(n, np.int64)
+    last = LinearSystem(factors, pivots, np.inf)
+    step, damping, chord, simplified = np.inf, 1.0, False, direction
+    residual(problem, x, value)
     for iteration in range(max_iterations + 1):
-        residual = np.max(np.abs(value))
-        if not (np.isfinite(residual) and np.all(np.isfinite(jacobian))):
-            return _NOT_FINITE, iteration, residual, step, value, jacobian
-        factors[:] = jacobian
-        if not lu_factor(factors, pivots):
-            return _SINGULAR, iteration, residual, step, value, jacobian
-        direction = -lu_solve(factors, pivots, value)
-        step = np.max(np.abs(direction) / (1.0 + np.abs(x)))
-        if step <= step_tolerance and residual <= residual_tolerance:
-            trial = x + direction  # the correction is known: take it, so that the error is its square
-            evaluate(problem, trial, trial_value, trial_jacobian)
-            if np.max(np.abs(trial_value)) <= residual:
-                x[:] = trial
-                return _CONVERGED, iteration + 1, np.max(np.abs(trial_value)), step, trial_value, trial_jacobian
-            return _CONVERGED, iteration, residual, step, value, jacobian
+        size = largest(value)
+        if not np.isfinite(size):
+            return NOT_FINITE, iteration, step, value, last
+        if not chord:
+            jacobian(problem, x, factors)
+            last = LinearSystem(factors, pivots, one_norm(factors))
+            if not np.isfinite(last.norm):
+                return NOT_FINITE, iteration, step, value, last
+            if not lu_factor(factors, pivots):
+                return SINGULAR, iteration, step, value, last
+            assign(direction, lu_solve(factors, pivots, value))
+            damping = min(1.0, 4.0 * damping)
+        step = relative_step(direction, x)
+        if step <= step_tolerance and size <= residual_tolerance:
+            advance(x, -1.0, direction, trial)  # the correction is known: take it
+            residual(problem, trial, trial_value)
+            if largest(trial_value) <= size:
+                assign(x, trial)
+                assign(value, trial_value)
+            return CONVERGED, iteration + 1, step, value, last
         if iteration == max_iterations:
             break
-        size = np.sqrt(np.sum(direction * direction))
-        damping = min(1.0, 4.0 * damping)
+        length = norm(direction)
+        contraction = np.inf
         while True:
-            trial = x + damping * direction
-            evaluate(problem, trial, trial_value, trial_jacobian)
-            if np.all(np.isfinite(trial_value)):
+            advance(x, -damping, direction, trial)
+            residual(problem, trial, trial_value)
+            if np.isfinite(largest(trial_value)):
                 simplified = lu_solve(factors, pivots, trial_value)
-                if np.sqrt(np.sum(simplified * simplified)) <= (1.0 - damping / 4.0) * size:
+                contraction = norm(simplified) / length
+                if contraction <= 1.0 - damping / 4.0:
+                    assign(x, trial)
+                    assign(value, trial_value)
                     break
+            if chord:
+                contraction = np.inf  # the old Jacobian is of no use here: a new one at the same x
+                break
             damping /= 2.0
             if damping < MIN_DAMPING:
-                return _STALLED, iteration, residual, step, value, jacobian
-        x[:] = trial
-        value[:] = trial_value
-        jacobian[:] = trial_jacobian
-    return _MAX_ITERATIONS, max_iterations, residual, step, value, jacobian
+                return STALLED, iteration, step, value, last
+        chord = damping == 1.0 and contraction <= GOOD_CONTRACTION
+        if chord:
+            assign(direction, simplified)
+    return MAX_ITERATIONS_REACHED, max_iterations, step, value, last

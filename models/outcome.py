@@ -27,6 +27,8 @@ class Outcome(Enum):
     )
     LIFT_OFF = "the normal force is not positive everywhere: the yarn lifts off the cylinder and contact is lost"
 
+    BAD_INPUT = "the row is no valid scene"
+
     @property
     def ok(self) -> bool:
         """Whether the numbers are a solution of the model."""

@@ -5,11 +5,19 @@ radius r₀ whose surface moves along its own axis e_z. Source: Yin, Tao, Jasper
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+POSITIVE = (
+    "wrap_angle", "cylinder_radius", "yarn_radius", "tension_CD", "torsional_rigidity", "delivery_speed", "span_ratio",
+    "rigidity_ratio",
+)  # fmt: skip
+"""Fields of `Scene` that must be greater than 0."""
+LARGEST_WRAP_ANGLE = 2 * math.pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,13 +63,10 @@ class Scene:
             value = getattr(self, field.name)
             if not math.isfinite(value):
                 raise ValueError(f"{field.name} = {value}: must be a finite number")
-        for name in (
-            "wrap_angle", "cylinder_radius", "yarn_radius", "tension_CD", "torsional_rigidity", "delivery_speed",
-            "span_ratio", "rigidity_ratio",
-        ):  # fmt: skip
+        for name in POSITIVE:
             if getattr(self, name) <= 0:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be greater than 0")
-        if self.wrap_angle > 2 * math.pi:
+        if self.wrap_angle > LARGEST_WRAP_ANGLE:
             raise ValueError(f"wrap_angle = {self.wrap_angle}: must be at most one full turn, 2π rad (360°)")
         if self.friction < 0:
             raise ValueError(f"friction = {self.friction}: must be 0 or greater")
@@ -79,6 +84,13 @@ class Scene:
     def dimensionless(self) -> "Dimensionless":
         """Normalise lengths by r₀, forces by K/r₀², moments by K/r₀ and speeds by v (paper, Eq. 17)."""
         return Dimensionless(**normalised(self))
+
+
+def valid_rows(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Which rows `Scene` accepts, from an array of shape (n,) for each of its fields."""
+    valid = np.logical_and.reduce([np.isfinite(column) for column in values.values()])
+    valid &= np.logical_and.reduce([values[name] > 0 for name in POSITIVE])
+    return valid & (values["wrap_angle"] <= LARGEST_WRAP_ANGLE) & (values["friction"] >= 0)
 
 
 def normalised(scene: Any) -> dict[str, Any]:

@@ -5,7 +5,7 @@ way from an input in SI to the dimensionless numbers, ∂F/∂λ, and the way fr
 complex steps, so nothing is truncated: what is left is the discretisation error of the solution itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import capstan, cosserat, flexible, kirchhoff, slow_manifold
-from models.boundary_value import COMPLEX_STEP, Array, BoundaryValueResult, Collocated, parameter_slopes
-from models.discretisation import chebyshev_collocation
-from models.newton import NewtonStatus
+from models.boundary_value import COMPLEX_STEP, Array, Collocated, jacobian_matrix, parameter_slopes
+from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.outcome import Ends
-from models.scene import Scene, normalised
+from models.refinement import Refined, outcome
+from models.scene import TENSION_CD, WRAP_ANGLE, Scene, normalised
 from models.slow_manifold import Rod
 
 Complex = NDArray[np.complex128]
@@ -30,49 +30,60 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     `cosserat-fd` shares the equations of `cosserat`, and `capstan` is an approximation of `flexible`: the derivatives
     are those of the latter. None where the model has no solution for the scene.
     """
-    problem = scene.dimensionless()
+    vector = scene.dimensionless().vector
     if model in (flexible.NAME, capstan.NAME):
-        result, degree, error, _ = flexible.solve_fields(problem)
-        if error is None or result.status is not NewtonStatus.CONVERGED:
-            return None
-        return _sensitivities(scene, result, degree, flexible.ORDERS, flexible.Flexible, flexible.ends)
-    rod: Rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
-    found = slow_manifold.search(problem, rod)
-    if found.error is None or found.result is None:
-        return None
-    return _sensitivities(scene, found.result, found.degree, slow_manifold.ORDERS, rod.problem, slow_manifold.rod_ends)
+        found = flexible.find(vector, flexible.integration_matrices())
+        return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
+    rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
+    found = rod.find(vector, flexible.integration_matrices(), slow_manifold.collocation_matrices())
+    return _rod(scene, vector, found, rod) if outcome(found, scene)[0].ok else None
 
 
-def _sensitivities(
-    scene: Scene,
-    result: BoundaryValueResult,
-    degree: int,
-    orders: NDArray[np.int64],
-    make: Callable[[Complex], Any],
-    dimensionless_ends: Callable[[Any, Complex], NDArray[Any]],
-) -> dict[str, Ends]:
-    x = np.append(result.fields, result.w)
-    m, size = result.fields.shape
-    moved: dict[str, tuple[SimpleNamespace, dict[str, Any]]] = {}
-    columns: list[Array] = []
+def _moved(scene: Scene) -> dict[str, tuple[float, SimpleNamespace, Complex]]:
+    """For each input: its step, all inputs with this one moved by i · step, and the dimensionless numbers of these."""
+    found: dict[str, tuple[float, SimpleNamespace, Complex]] = {}
     for name in (field.name for field in fields(Scene)):
-        inputs = SimpleNamespace(**{f.name: complex(getattr(scene, f.name)) for f in fields(Scene)})
         # Relative to the input's size, so that a step in 1e-9 N m² and one in 1e3 turns per metre are alike.
-        step = 1j * COMPLEX_STEP * (abs(getattr(scene, name)) or 1.0)
-        setattr(inputs, name, getattr(inputs, name) + step)
-        numbers = normalised(inputs)
-        vector = np.array(list(numbers.values()), dtype=np.complex128)
-        matrices = chebyshev_collocation(degree, numbers["wrap_angle"]).derivatives.astype(np.complex128)
-        columns.append(parameter_slopes(Collocated(make(vector), orders, matrices), x))
-        moved[name] = inputs, numbers
-    slopes = np.asarray(-np.linalg.solve(result.jacobian, np.array(columns).T), dtype=np.float64)
-    found: dict[str, Ends] = {}
-    for j, (name, (inputs, numbers)) in enumerate(moved.items()):
-        slope: Array = slopes[:, j]
-        at_B = result.fields[:, 0] + 1j * COMPLEX_STEP * slope[: m * size : size]
-        tension, twist, theta = dimensionless_ends(numbers["tension_CD"], at_B)
-        radius = inputs.cylinder_radius
-        ends = np.array([tension * inputs.torsional_rigidity / radius**2, twist / radius, theta], dtype=np.complex128)
-        unit = COMPLEX_STEP * (abs(getattr(scene, name)) or 1.0)
-        found[name] = Ends(*map(float, ends.imag / unit))
+        step = COMPLEX_STEP * (abs(getattr(scene, name)) or 1.0)
+        inputs = SimpleNamespace(**{f.name: complex(getattr(scene, f.name)) for f in fields(Scene)})
+        setattr(inputs, name, getattr(inputs, name) + 1j * step)
+        found[name] = step, inputs, np.array(list(normalised(inputs).values()), dtype=np.complex128)
     return found
+
+
+def _ends(inputs: SimpleNamespace, dimensionless: NDArray[Any], step: float) -> Ends:
+    """The slopes in SI from dimensionless ends that carry them in their imaginary part."""
+    tension, twist, theta = dimensionless
+    radius = inputs.cylinder_radius
+    si = np.array([tension * inputs.torsional_rigidity / radius**2, twist / radius, theta], dtype=np.complex128)
+    return Ends(*map(float, si.imag / step))
+
+
+def _rod(scene: Scene, vector: Array, found: Refined, rod: Rod) -> dict[str, Ends]:
+    x = np.append(found.fields, found.w)
+    grid = chebyshev_collocation(found.degree, scene.wrap_angle)
+    matrix = jacobian_matrix(Collocated(rod.problem(vector), slow_manifold.ORDERS, grid.derivatives), x)
+    at_B = slice(0, 3 * (found.degree + 1), found.degree + 1)
+    result: dict[str, Ends] = {}
+    for name, (step, inputs, numbers) in _moved(scene).items():
+        derivatives = chebyshev_collocation(found.degree, numbers[WRAP_ANGLE]).derivatives.astype(np.complex128)
+        slopes = parameter_slopes(Collocated(rod.problem(numbers), slow_manifold.ORDERS, derivatives), x)
+        direction = -np.linalg.solve(matrix, slopes)
+        moved = x[at_B] + 1j * COMPLEX_STEP * direction[at_B]
+        result[name] = _ends(inputs, slow_manifold.rod_ends(numbers[TENSION_CD], *moved), step)
+    return result
+
+
+def _flexible(scene: Scene, vector: Array, found: Refined) -> dict[str, Ends]:
+    x = np.append(found.fields[0], found.w)
+    integration = chebyshev_integration(found.degree)
+    matrix = flexible.jacobian_matrix(flexible.Flexible(vector, integration * (scene.wrap_angle / 2)), x)
+    result: dict[str, Ends] = {}
+    for name, (step, inputs, numbers) in _moved(scene).items():
+        problem = flexible.Flexible(numbers, integration * (numbers[WRAP_ANGLE] / 2))
+        residual: Complex = flexible.values(problem, x.astype(np.complex128))[0]
+        direction = np.asarray(-np.linalg.solve(matrix, residual.imag / COMPLEX_STEP), dtype=np.float64)
+        moved = x + 1j * COMPLEX_STEP * direction
+        _, log_p, tau = flexible.values(problem, moved)
+        result[name] = _ends(inputs, flexible.ends(numbers[TENSION_CD], moved[0], log_p, tau), step)
+    return result

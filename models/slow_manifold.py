@@ -13,29 +13,145 @@ between neighbouring degrees is the stated error. Where even that is large the o
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from models import flexible
-from models.boundary_value import Array, BoundaryValueResult, Values, solve
-from models.discretisation import Discretisation, chebyshev_collocation, interpolation
-from models.newton import NewtonStatus
-from models.outcome import Outcome, Solution, Stats
-from models.scene import Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, newton_outcome, relative_change, solution
+from models.boundary_value import Array, Collocated, Values, pointwise_arguments
+from models.compiled import inner
+from models.discretisation import chebyshev_collocation, chebyshev_reference, interpolation, resample
+from models.flexible import integration_matrices
+from models.newton import CONVERGED, assign, condition_number, largest, newton
+from models.outcome import Solution
+from models.refinement import (
+    DRIFTING,
+    ILL_CONDITIONED,
+    NEWTON_FAILED,
+    SETTLED,
+    START_FAILED,
+    Refined,
+    compiled_relative_change,
+)  # fmt: skip
+from models.scene import TENSION_CD, WRAP_ANGLE, Dimensionless, Scene
+from models.solution import PROFILE_POINTS, Fields, solution
 
 ORDERS = np.array([3, 1, 1])
 """Highest derivatives of the fields θ, p₃/p₃CD and τ."""
+ARGUMENTS = 8
+"""θ, θ', θ'', θ''', p₃, p₃', τ, τ': what the equations at a point take."""
 DEGREES = (4, 6, 8, 10, 12, 14, 16, 18)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the search ends."""
-STEP_TOLERANCE = 1e-10
-"""Of Newton's correction: below PRECISION, above the rounding of an acceptable Jacobian."""
+TOLERANCES = (1e-10, 1e-9)
+"""Of Newton's correction, below PRECISION and above the rounding of an acceptable Jacobian, and of its residuals."""
+MAX_ITERATIONS = 60
 LARGEST_CHANGE = 1e-4
 """Change above which the slow manifold is not defined well enough to report numbers."""
 LARGEST_CONDITION = 1e9
 """Above it the layers have entered the discrete problem."""
+
+Matrices = tuple[tuple[Array, ...], tuple[Array, ...]]
+"""For each of DEGREES, values and derivatives at the collocation points, and at the nodes; on [−1, 1]."""
+
+
+def normal_force(problem: Any, f: Values) -> Any:
+    """N in units of p₃CD/r₀ from the pointwise arguments, shape (8,); each rod gives its own by `implement`."""
+    raise NotImplementedError(f"no normal force for {type(problem).__name__}")
+
+
+@cache
+def collocation_matrices() -> Matrices:
+    """The matrices that `search` takes."""
+    references = [chebyshev_reference(degree) for degree in DEGREES]
+    return tuple(r[2] for r in references), tuple(r[3] for r in references)
+
+
+@inner
+def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
+    """Raise the degree from the flexible yarn's solution `start` while the ends settle."""
+    scene, nothing = problem.scene, np.full(3, np.nan)
+    fields, w = start.fields, start.w
+    best = Refined(
+        START_FAILED, start.status, start.degree, fields, w, nothing, nothing, np.inf, np.nan, np.nan, np.nan,
+        start.iterations, np.nan, np.nan, np.nan, np.nan,
+    )  # fmt: skip
+    if start.ending != SETTLED:
+        return best
+    fields = np.empty_like(start.fields)
+    for j in range(start.degree + 1):
+        fields[0, j] = 2 * np.arctan(np.exp(start.fields[0, j]))
+        fields[1, j] = np.exp(start.fields[1, j])
+        fields[2, j] = start.fields[2, j]
+    at_B, change, smallest, last = nothing, nothing, np.inf, np.inf
+    iterations, ending = start.iterations, NEWTON_FAILED
+    for rung in range(len(matrices[0])):
+        at_points, at_nodes = matrices[0][rung], matrices[1][rung]
+        degree = at_points.shape[1]
+        x = np.empty(3 * (degree + 1) + 1)
+        for i in range(3):
+            assign(x[i * (degree + 1) : (i + 1) * (degree + 1)], resample(fields[i], degree))
+        x[-1] = w
+        collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
+        status, count, step, value, system = newton(collocated, x, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
+        iterations += count
+        condition = condition_number(system)
+        if status != CONVERGED or condition > LARGEST_CONDITION:
+            if not np.isfinite(smallest):
+                ending = NEWTON_FAILED if status != CONVERGED else ILL_CONDITIONED
+                best = Refined(
+                    ending, status, degree, fields, w, nothing, nothing, np.inf, np.nan, np.nan, np.nan,
+                    iterations, step, np.nan, np.nan, condition,
+                )  # fmt: skip
+            break
+        fields, w = x[:-1].copy().reshape((3, degree + 1)), x[-1]
+        found = compiled_rod_ends(scene[TENSION_CD], fields[0, 0], fields[1, 0], fields[2, 0])
+        size, change, at_B = compiled_relative_change(found, at_B), found - at_B, found
+        if size < smallest:
+            smallest = size
+            rows = 3 * degree
+            normal_min, psi_min = lowest_normal_force(collocated, scaled(at_nodes, scene[WRAP_ANGLE]), x)
+            best = Refined(
+                SETTLED if size <= LARGEST_CHANGE else DRIFTING, status, degree, fields, w, at_B, change, size,
+                fields[0, -1], normal_min, psi_min, iterations, step,
+                largest(value[:rows]), largest(value[rows:]), condition,
+            )  # fmt: skip
+        if size < PRECISION or size > 2 * last:
+            break
+        last = size
+    return best
+
+
+@inner
+def scaled(reference: Array, length: float) -> Array:
+    """Matrices of derivatives for [0, length] from those for [−1, 1], shape (4, n, m)."""
+    matrices = np.empty_like(reference)
+    factor = 1.0
+    for k in range(reference.shape[0]):
+        for i in range(reference.shape[1]):
+            for j in range(reference.shape[2]):
+                matrices[k, i, j] = reference[k, i, j] * factor
+        factor *= 2.0 / length
+    return matrices
+
+
+@inner
+def lowest_normal_force(collocated: Collocated, at_nodes: Array, x: Array) -> tuple[float, float]:
+    """Smallest N [K/r₀³] at collocation points and nodes, and its ψ [rad]."""
+    problem, degree = collocated.problem, at_nodes.shape[2] - 1
+    length, f = problem.scene[WRAP_ANGLE], np.empty(ARGUMENTS)
+    lowest, where = np.inf, np.nan
+    for j in range(degree):
+        pointwise_arguments(ORDERS, collocated.derivatives, j, x, f)
+        normal = normal_force(problem, f)
+        if normal < lowest:
+            lowest, where = normal, (1 - np.cos(np.pi * (j + 0.5) / degree)) / 2
+    for j in range(degree + 1):
+        pointwise_arguments(ORDERS, at_nodes, j, x, f)
+        normal = normal_force(problem, f)
+        if normal < lowest:
+            lowest, where = normal, (1 - np.cos(np.pi * j / degree)) / 2
+    return lowest * problem.scene[TENSION_CD], where * length
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,104 +161,36 @@ class Rod:
     name: str
     problem: Callable[..., Any]
     """Makes the problem that is solved from the scene's numbers."""
-    normal_force: Callable[[Array, Array], Array]
+    find: Callable[[Array, tuple[Array, ...], Matrices], Refined]
+    """Compiled search, from the scene's numbers and the matrices of the flexible yarn and of the rod."""
+    normal_forces: Callable[[Array, Array], Array]
     """N in K/r₀³, shape (n,), from the scene's numbers and the pointwise arguments, shape (8, n)."""
 
 
-@dataclass(frozen=True, slots=True)
-class SlowManifold:
-    """The best polynomial of the search over degrees, or why there is none."""
-
-    outcome: Outcome
-    message: str
-    stats: Stats
-    degree: int = 0
-    result: BoundaryValueResult | None = None
-    error: Array | None = None
-    """Change of p₃AB, T_AB and θ_B from the degree before, shape (3,)."""
-
-
-def solve_slow_manifold(scene: Scene, rod: Rod) -> Solution:
+def solve_slow_manifold(scene: Scene, rod: Rod, *, profile: bool) -> Solution:
     """Solve by collocation of rising degree from the flexible yarn's solution. The outcome says what happened."""
     problem = scene.dimensionless()
-    found = search(problem, rod)
-    if found.result is None or found.error is None:
-        return failed(scene, rod.name, found.outcome, found.message, stats=found.stats)
-    discretisation = chebyshev_collocation(found.degree, problem.wrap_angle)
+    found = rod.find(problem.vector, integration_matrices(), collocation_matrices())
+    return solution(scene, rod.name, found, (lambda: _fields(problem, rod, found)) if profile else None)
+
+
+def _fields(scene: Dimensionless, rod: Rod, found: Refined) -> Fields:
+    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
     to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
-    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
-    fields = rod_fields(problem, rod, discretisation, found.result, psi, to_profile)
-    return solution(scene, rod.name, fields, found.error, found.stats)
+    matrices = to_profile @ chebyshev_collocation(found.degree, scene.wrap_angle).nodal_derivatives
+    return rod_fields(scene, rod, found.fields, psi, matrices)
 
 
-def search(problem: Dimensionless, rod: Rod) -> SlowManifold:
-    """Raise the degree while the ends settle."""
-    start, _, error, iterations = flexible.solve_fields(problem)
-    if error is None:
-        text = f"the flexible start failed ({start.status.text})"
-        return SlowManifold(Outcome.NOT_CONVERGED, text, Stats(iterations))
-    best: SlowManifold | None = None
-    smallest_change = last_change = np.inf
-    previous: Array | None = None
-    result: BoundaryValueResult | None = None
-    condition = np.inf
-    for degree in DEGREES:
-        discretisation = chebyshev_collocation(degree, problem.wrap_angle)
-        if result is None:
-            fields, w = flexible.start_values(problem, start, degree), start.w
-        else:
-            fields, w = result.fields @ interpolation(result.fields.shape[1] - 1, degree).T, result.w
-        result = solve(rod.problem(problem.vector), ORDERS, discretisation, fields, w, step_tolerance=STEP_TOLERANCE)
-        iterations += result.iterations
-        condition = result.condition
-        if result.status is not NewtonStatus.CONVERGED or condition > LARGEST_CONDITION:
-            break
-        ends = rod_ends(problem.tension_CD, result.fields[:, 0])
-        if previous is not None:
-            change = relative_change(ends, previous)
-            if change < smallest_change:
-                smallest_change = change
-                stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1, condition)
-                best = SlowManifold(Outcome.CONVERGED, "", stats, degree, result, ends - previous)
-            if change < PRECISION or change > 2 * last_change:
-                break
-            last_change = change
-        previous = ends
-    assert result is not None
-    separation = Outcome.NO_SCALE_SEPARATION
-    if best is None:
-        if result.status is not NewtonStatus.CONVERGED:
-            outcome, text = newton_outcome(result.status)
-            return SlowManifold(outcome, text, Stats(iterations))
-        text = f"{separation.value} (condition number {condition:.1e} at the lowest degrees)"
-        return SlowManifold(separation, text, Stats(iterations, condition=condition))
-    if smallest_change > LARGEST_CHANGE:
-        text = f"{separation.value} (the ends change by {smallest_change:.1e} between degrees)"
-        return SlowManifold(separation, text, best.stats)
-    return best
+def rod_fields(scene: Dimensionless, rod: Rod, nodal: Array, psi: Array, matrices: Array) -> Fields:
+    """The solution and its normal force at psi, shape (n,); `matrices` take nodal values there, shape (4, n, m)."""
+    values = np.array([matrices[k] @ f for f, order in zip(nodal, ORDERS, strict=True) for k in range(order + 1)])
+    normal = rod.normal_forces(scene.vector, values)
+    return Fields(scene, psi, values[0], values[1], values[4] * scene.tension_CD, values[6], normal)
 
 
-def rod_ends(tension_CD: Any, at_B: Values) -> Values:
+def rod_ends(tension_CD: Any, theta: Any, tension: Any, tau: Any) -> Values:
     """p₃AB, T_AB and θ_B, dimensionless, shape (3,), from θ, p₃/p₃CD and τ at B; analytic."""
-    theta, tension, tau = at_B
     return np.array([tension * tension_CD, (tau - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta])
 
 
-def rod_fields(
-    scene: Dimensionless,
-    rod: Rod,
-    discretisation: Discretisation,
-    result: BoundaryValueResult,
-    psi: Array,
-    to_psi: Array,
-) -> Fields:
-    """The solution and its normal force at psi, shape (n,); `to_psi` takes nodal values there."""
-    values = np.array(
-        [
-            to_psi @ (discretisation.nodal_derivatives[k] @ field)
-            for field, order in zip(result.fields, ORDERS, strict=True)
-            for k in range(order + 1)
-        ]
-    )
-    normal = rod.normal_force(scene.vector, values)
-    return Fields(scene, psi, values[0], values[1], values[4] * scene.tension_CD, values[6], result.w, normal)
+compiled_rod_ends = inner(rod_ends)

@@ -2,12 +2,25 @@
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff
 from models.outcome import Solution
 from models.scene import Scene
 
-MODELS: Mapping[str, Callable[[Scene], Solution]] = MappingProxyType(
+
+class Solver(Protocol):
+    """Solves one scene and never raises for a hard one; without `profile` only the numbers, at a lower cost."""
+
+    def __call__(self, scene: Scene, *, profile: bool = True) -> Solution:
+        """Solve `scene`."""
+        ...
+
+
+MODELS: Mapping[str, Solver] = MappingProxyType(
     {
         capstan.NAME: capstan.solve_capstan,
         flexible.NAME: flexible.solve_flexible,
@@ -16,4 +29,14 @@ MODELS: Mapping[str, Callable[[Scene], Solution]] = MappingProxyType(
         kirchhoff.NAME: kirchhoff.solve_kirchhoff,
     }
 )
-"""Solvers by the name that users give; each takes a scene and never raises for a hard one."""
+"""Solvers by the name that users give."""
+
+ROWS: Mapping[str, Callable[[NDArray[np.float64], Any], None]] = MappingProxyType(
+    {
+        capstan.NAME: capstan.solve_rows,
+        flexible.NAME: flexible.solve_rows,
+        cosserat.NAME: cosserat.solve_rows,
+        kirchhoff.NAME: kirchhoff.solve_rows,
+    }
+)
+"""Compiled solvers of many scenes, for the models that have one; they hold no lock of the interpreter."""

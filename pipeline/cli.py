@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -138,8 +139,8 @@ def predict(
         scenes = (TableScene(table.parent.name or table.stem, load_scene(table)),)
     else:
         scenes = read_table(table)
-    with _status(f"solving {len(scenes)} scenes"):
-        rows = list(predict_rows(scenes, models))
+    with _Bar(f"solving {len(scenes)} scenes", len(scenes) * len(models)) as advance:
+        rows = list(predict_rows(scenes, models, advance))
     if as_json:
         _print_json([row.as_json() for row in rows])
     else:
@@ -310,6 +311,23 @@ def _window(text: str | None) -> tuple[float | None, float | None] | None:
 
 def _status(text: str) -> Any:
     return progress.status(text) if progress.is_terminal else _Quiet()
+
+
+class _Bar:
+    """A progress bar on a terminal, else nothing."""
+
+    def __init__(self, text: str, total: int):
+        from rich.progress import Progress
+
+        self._progress = Progress(console=progress, disable=not progress.is_terminal, transient=True)
+        self._task = self._progress.add_task(text, total=total)
+
+    def __enter__(self) -> Callable[[int], None]:
+        self._progress.start()
+        return lambda done: self._progress.advance(self._task, done)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
 
 
 class _Quiet:

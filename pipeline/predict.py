@@ -4,14 +4,15 @@ import csv
 import math
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from pydantic import ValidationError
 
-from models.outcome import Ends, Solution
+from models.batch import Batch, solve_many
+from models.outcome import Ends
 from models.scene import Scene
 from models.sensitivity import sensitivities
 from models.solve import MODELS
@@ -60,6 +61,13 @@ def input_uncertainty(scene: Scene, input_u: Mapping[str, float], model: str) ->
         return Ends()
     terms = np.array([np.array(astuple(slopes[field])) * u for field, u in stated.items()])
     return Ends(*map(float, np.sqrt(np.sum(terms**2, axis=0))))
+
+
+NUMBERS = (
+    "p3_AB_cN", "T_AB_tpm", "theta_B_deg", "theta_C_deg", "n1_per_s", "N_min_N_per_m", "u_num_p3_AB_cN",
+    "u_num_T_AB_tpm", "u_num_theta_B_deg",
+)  # fmt: skip
+"""Columns of a prediction table that are NaN where there is no solution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,53 +172,57 @@ def _table_scene(number: int, header: Sequence[str], cells: Sequence[str]) -> Ta
         return TableScene(case, None, f"line {number}, {error}")
 
 
-def predict_rows(scenes: Sequence[TableScene], models: Sequence[str]) -> Iterator[TableRow]:
-    """Solve each scene with each model, in order; failed rows keep their reason."""
+def predict_rows(
+    scenes: Sequence[TableScene], models: Sequence[str], progress: Callable[[int], None] | None = None
+) -> Iterator[TableRow]:
+    """Solve each scene with each model, in order; failed rows keep their reason.
+
+    All valid scenes are solved at once, on all cores; `wall_s` is each row's share of the time that its model took.
+    `progress` is called with the number of solves that were just done.
+    """
+    valid = [scene.scene for scene in scenes if scene.scene is not None]
+    inputs = {field.name: np.array([getattr(scene, field.name) for scene in valid]) for field in fields(Scene)}
+    results: dict[str, Iterator[TableRow]] = {}
+    for model in models:
+        begin = time.perf_counter()
+        with one_thread():
+            batch = solve_many(inputs, model, progress=progress)
+        share = (time.perf_counter() - begin) / max(len(valid), 1)
+        results[model] = _rows([scene.case for scene in scenes if scene.scene is not None], batch, share)
     for scene in scenes:
         for model in models:
-            if scene.scene is None:
-                yield _bad_row(scene, model)
-                continue
-            begin = time.perf_counter()
-            with one_thread():
-                solution = MODELS[model](scene.scene)
-            yield _row(scene.case, model, solution, time.perf_counter() - begin)
+            yield next(results[model]) if scene.scene is not None else _bad_row(scene, model)
 
 
 def _bad_row(scene: TableScene, model: str) -> TableRow:
-    nan = math.nan
+    numbers = dict.fromkeys(NUMBERS, math.nan)
     return TableRow(
-        scene.case,
-        model,
-        nan,
-        nan,
-        nan,
-        nan,
-        nan,
-        nan,
-        "bad_input",
-        scene.reason,
-        nan,
-        nan,
-        nan,
-        iterations=0,
-        wall_s=0.0,
+        case=scene.case, model=model, **numbers, outcome="bad_input", message=scene.reason, iterations=0, wall_s=0.0
     )
 
 
-def _row(case: str, model: str, solution: Solution, wall: float) -> TableRow:
-    values = {q.value: q.of(solution.ends) * q.per_si for q in Quantity}
-    errors = {f"u_num_{q.value}": q.of(solution.u_num) * q.per_si for q in Quantity}
-    return TableRow(
-        case=case,
-        model=model,
-        **values,
-        theta_C_deg=math.degrees(solution.theta_C),
-        n1_per_s=solution.rotation,
-        N_min_N_per_m=solution.normal_force_min,
-        outcome=solution.outcome.name.lower(),
-        message=solution.message,
-        **errors,
-        iterations=solution.stats.iterations,
-        wall_s=wall,
-    )
+def _rows(cases: Sequence[str], batch: Batch, wall: float) -> Iterator[TableRow]:
+    ends = {
+        Quantity.TENSION_AB: (batch.tension_AB, batch.u_tension_AB),
+        Quantity.TWIST_AB: (batch.twist_AB, batch.u_twist_AB),
+        Quantity.THETA_B: (batch.theta_B, batch.u_theta_B),
+    }
+    columns = {
+        **{quantity.value: value * quantity.per_si for quantity, (value, _) in ends.items()},
+        **{f"u_num_{quantity.value}": u * quantity.per_si for quantity, (_, u) in ends.items()},
+        "theta_C_deg": np.degrees(batch.theta_C),
+        "n1_per_s": batch.rotation,
+        "N_min_N_per_m": batch.normal_force_min,
+    }
+    numbers = zip(*(columns[name].tolist() for name in NUMBERS), strict=True)
+    fates = zip(batch.outcomes, batch.messages, batch.iterations.tolist(), strict=True)
+    for case, values, (outcome, message, iterations) in zip(cases, numbers, fates, strict=True):
+        yield TableRow(
+            case=case,
+            model=batch.model,
+            **dict(zip(NUMBERS, values, strict=True)),
+            outcome=outcome.name.lower(),
+            message=message,
+            iterations=iterations,
+            wall_s=wall,
+        )

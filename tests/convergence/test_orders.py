@@ -1,18 +1,16 @@
 """Observed orders of convergence and the plateau of the slow manifold."""
 
-import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from scenes import scene, table_1
 
+from models import flexible
 from models.boundary_value import solve
 from models.cosserat import Printed, solve_cosserat
 from models.cosserat_fd import INTERVALS, solve_cosserat_fd
-from models.discretisation import chebyshev_collocation, finite_differences
-from models.flexible import ORDERS as FLEXIBLE_ORDERS
-from models.flexible import Flexible, solve_fields, solve_flexible, start_values
+from models.discretisation import chebyshev_collocation, chebyshev_integration, finite_differences, interpolation
 from models.outcome import Solution
 from models.scene import Scene
 from models.slow_manifold import ORDERS
@@ -50,16 +48,15 @@ def test_finite_difference_error_estimate_covers_the_error() -> None:
     assert INTERVALS == 40
 
 
-def test_flexible_collocation_converges_exponentially() -> None:
-    problem = scene()
-    reference = ends(solve_flexible(problem))[2]
+def test_flexible_quadratures_converge_exponentially() -> None:
+    vector = scene().dimensionless().vector
+    reference = flexible.find(vector, flexible.integration_matrices()).ends
     errors = []
     for degree in (4, 8, 12, 16):
-        grid = chebyshev_collocation(degree, problem.wrap_angle)
-        start = np.zeros((3, degree + 1))
-        start[2] = 2 * math.pi
-        found = solve(Flexible(problem.dimensionless().vector), FLEXIBLE_ORDERS, grid, start, 0.0)
-        errors.append(abs(2 * math.atan(math.exp(found.fields[0, 0])) - reference))
+        # Every rung of the search has the same degree: it settles at the second.
+        found = flexible.find(vector, (chebyshev_integration(degree),) * len(flexible.DEGREES))
+        assert found.degree == degree
+        errors.append(np.max(np.abs(found.ends / reference - 1)))
     # Each four degrees more gain at least a factor of 50 until rounding.
     assert all(later < max(earlier / 50, 1e-13) for earlier, later in pairwise(errors)), errors
 
@@ -77,11 +74,13 @@ def test_more_nodes_are_not_more_accuracy() -> None:
     # The trap: past the plateau the layers enter and the Jacobian's condition number explodes.
     problem = table_1(1)
     d = problem.dimensionless()
-    flexible = solve_fields(d)[0]
+    yarn = flexible.find(d.vector, flexible.integration_matrices())
+    nodal = np.array([2 * np.arctan(np.exp(yarn.fields[0])), np.exp(yarn.fields[1]), yarn.fields[2]])
     condition = {}
     for degree in (8, 30):
         grid = chebyshev_collocation(degree, problem.wrap_angle)
-        found = solve(Printed(d.vector), ORDERS, grid, start_values(d, flexible, degree), flexible.w)
+        start = nodal @ interpolation(yarn.degree, degree).T
+        found = solve(Printed(d.vector), ORDERS, grid, start, yarn.w)
         condition[degree] = found.condition
     assert condition[8] < 1e6
     assert condition[30] > 1e12

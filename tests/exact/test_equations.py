@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from scenes import scene
 
-from models import cosserat, kirchhoff
-from models.boundary_value import Collocated, solve_compiled
-from models.discretisation import chebyshev_collocation
-from models.flexible import ORDERS as FLEXIBLE_ORDERS
-from models.flexible import Flexible
+from models import cosserat, flexible, kirchhoff
+from models.boundary_value import Collocated, jacobian_matrix, solve_compiled
+from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.slow_manifold import ORDERS
 
 PSI = np.linspace(0.1, 0.9, 7)
@@ -64,31 +62,34 @@ def test_balance_of_the_printed_model_matches_differences() -> None:
 
 def test_a_twisted_ring_presses_with_tension_over_radius() -> None:
     # Planar circle θ = 90°: N = p₃/r₀ whatever the twist, exactly, for the consistent rod.
-    normal = kirchhoff.normal_force(scene().dimensionless().vector, RING)
+    normal = kirchhoff.normal_forces(scene().dimensionless().vector, RING)
     np.testing.assert_allclose(normal, 600.0, rtol=1e-14)
 
 
 def test_the_printed_model_adds_a_twist_term_to_the_ring() -> None:
     # The same ring in the printed equations: N = p₃ + (B − K) τ², the term that physics.md section 5 names.
-    normal = cosserat.normal_force(scene().dimensionless().vector, RING)
+    normal = cosserat.normal_forces(scene().dimensionless().vector, RING)
     np.testing.assert_allclose(normal, 600.0 + 0.3 * 81.0, rtol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("problem", "orders"),
-    [(Flexible, FLEXIBLE_ORDERS), (cosserat.Printed, ORDERS), (kirchhoff.Consistent, ORDERS)],
-)
-def test_jacobians_are_exact(problem, orders) -> None:
-    rng = np.random.default_rng(7)
+def check_jacobian(matrix: np.ndarray, residual, x: np.ndarray) -> None:
+    direction = np.random.default_rng(7).standard_normal(x.size)
+    h = 1e-6
+    difference = (residual(x + h * direction) - residual(x - h * direction)) / (2 * h)
+    np.testing.assert_allclose(matrix @ direction, difference, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("problem", [cosserat.Printed, kirchhoff.Consistent])
+def test_jacobians_of_the_rods_are_exact(problem) -> None:
     grid = chebyshev_collocation(6, 1.0)
     fields = np.array([1.4 + 0.2 * grid.nodes, 1 + 0.1 * grid.nodes, 7 + grid.nodes**2])
     x = np.append(fields, 1.1)
-    collocated = Collocated(problem(scene().dimensionless().vector), orders, grid.derivatives)
+    collocated = Collocated(problem(scene().dimensionless().vector), ORDERS, grid.derivatives)
+    residual = lambda x: solve_compiled(collocated, x.copy(), (0.0, 0.0), 0)[3]  # noqa: E731
+    check_jacobian(jacobian_matrix(collocated, x), residual, x)
 
-    def evaluated(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return solve_compiled(collocated, x.copy(), (0.0, 0.0), 0)[4:]
 
-    direction = rng.standard_normal(x.size)
-    h = 1e-6
-    difference = (evaluated(x + h * direction)[0] - evaluated(x - h * direction)[0]) / (2 * h)
-    np.testing.assert_allclose(evaluated(x)[1] @ direction, difference, rtol=1e-5, atol=1e-6)
+def test_jacobian_of_the_flexible_yarn_is_exact() -> None:
+    problem = flexible.Flexible(scene().dimensionless().vector, chebyshev_integration(8) / 2)
+    x = np.append(np.linspace(-0.4, 0.5, 9), 1.1)
+    check_jacobian(flexible.jacobian_matrix(problem, x), lambda x: flexible.values(problem, x)[0], x)
