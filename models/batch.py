@@ -1,19 +1,21 @@
 """Thousands of scenes at once, from arrays to arrays, on all cores.
 
-The compiled models hold no lock of the interpreter, so plain threads share the rows out in chunks; memory is that of the
-inputs and results. A row that is no valid scene or has no solution keeps its place, with its outcome and reason.
+The compiled models hold no lock of the interpreter, so plain threads share the rows out in chunks; memory is that of
+the inputs and results. A row that is no valid scene or has no solution keeps its place, with its outcome and reason.
 """
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import MISSING, dataclass, fields
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models import auto
 from models.outcome import Outcome, Solution
 from models.refinement import ROW, Ending, outcome
 from models.scene import Scene, normalised, valid_rows
@@ -59,6 +61,8 @@ def solve_many(
     *,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
+    tolerance: float = auto.TOLERANCE,
+    wanted: Sequence[str] = auto.ENDS,
 ) -> Batch:
     """Solve one scene per row.
 
@@ -69,6 +73,7 @@ def solve_many(
     model : a name of `MODELS`.
     threads : as many as there are cores by default.
     progress : called from the calling thread with the number of rows that were just done.
+    tolerance, wanted : for the model `auto`, see `auto.solve_auto`.
 
     Raises
     ------
@@ -92,8 +97,10 @@ def solve_many(
             k = int(rows[i])
             outcomes[k], messages[k] = outcome(table[i], Scene(**_row(values, k)))
     else:
+        choose = {"tolerance": tolerance, "wanted": wanted} if model == auto.NAME else {}
+        solve: Callable[..., Solution] = partial(MODELS[model], **choose)
         for i in map(int, rows):
-            found = MODELS[model](Scene(**_row(values, i)), profile=False)
+            found = solve(Scene(**_row(values, i)), profile=False)
             outcomes[i], messages[i] = found.outcome, found.message
             for name, number in _numbers(found).items():
                 columns[name][i] = number

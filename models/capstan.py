@@ -23,6 +23,7 @@ from models.newton import CONVERGED, MAX_ITERATIONS_REACHED
 from models.outcome import Solution
 from models.refinement import NEWTON_FAILED, SETTLED, Refined, record
 from models.scene import (
+    CYLINDER_SPEED,
     FRICTION,
     SPAN_RATIO,
     TENSION_CD,
@@ -33,7 +34,7 @@ from models.scene import (
     YARN_RADIUS,
     Dimensionless,
     Scene,
-)  # fmt: skip
+)
 from models.solution import PROFILE_POINTS, Fields, solution
 
 Array = NDArray[np.float64]
@@ -149,6 +150,29 @@ def find_rows(scenes: Array, table: Any) -> None:
     """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
     for i in range(scenes.shape[0]):
         record(search(scenes[i]), table[i])
+
+
+def direction_error(scene: Array, found: Refined) -> Array:
+    """Bound on the relative error of p₃AB, T_AB and θ_B by the constant friction direction, shape (3,).
+
+    Over the wrap φ, cosα and sinα differ by up to Δc and Δs from those at θ = 90°. Then q' = μ cosα is off by μΔc and
+    (ln p₃)' = μ sinα sinθ by μ(Δs + Δc), and −τ' = μ cosα sinθ R₀p₃ by both; n₁ passes the error of T_AB on to α,
+    which the slope of the condition for n₁ says how much.
+    """
+    theta_B = float(found.ends[2])
+    square = np.array(_friction_direction(scene, np.pi / 2, found.w))
+    change = np.max([np.abs(_friction_direction(scene, t, found.w) - square) for t in (theta_B, found.theta_C)], axis=0)
+    reach = scene[FRICTION] * scene[WRAP_ANGLE]
+    angle, log_tension = reach * change[0], reach * (change[0] + change[1])
+    turned = scene[FRICTION] * abs(square[0]) * scene[WRAP_ANGLE] * scene[YARN_RADIUS] * scene[TENSION_CD]
+    twist = (turned * log_tension + scene[YARN_RADIUS] * scene[TENSION_CD] * angle + angle) / (2 * np.pi)
+    return np.array([log_tension, twist / max(abs(found.ends[1]), 1 / (2 * np.pi)), angle / theta_B])
+
+
+def _friction_direction(scene: Array, theta: float, w: float) -> Array:
+    across = scene[CYLINDER_SPEED] * np.sin(theta) + 2 * np.pi * scene[YARN_RADIUS] * (w - scene[TWIST_CD])
+    along = scene[CYLINDER_SPEED] * np.cos(theta) + 1
+    return np.array([across, along]) / np.hypot(across, along)
 
 
 def solve_rows(scenes: Array, table: Any) -> None:

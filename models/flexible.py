@@ -39,7 +39,7 @@ from models.scene import (
     YARN_RADIUS,
     Dimensionless,
     Scene,
-)  # fmt: skip
+)
 from models.solution import PROFILE_POINTS, Fields, solution
 
 Array = NDArray[np.float64]

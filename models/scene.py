@@ -77,6 +77,11 @@ class Scene:
         return self.torsional_rigidity / self.cylinder_radius**2
 
     @property
+    def twist_unit(self) -> float:
+        """1 / (2πr₀) [1/m], one turn per circumference: the smallest twist that relative errors refer to."""
+        return 1 / (2 * math.pi * self.cylinder_radius)
+
+    @property
     def moment_unit(self) -> float:
         """K / r₀ [N m], the moment that dimensionless moments are multiples of."""
         return self.torsional_rigidity / self.cylinder_radius

@@ -22,7 +22,20 @@ from models.boundary_value import Array, Collocated, Values, pointwise_arguments
 from models.compiled import inner
 from models.discretisation import chebyshev_collocation, chebyshev_reference, interpolation, resample
 from models.flexible import integration_matrices
-from models.newton import CONVERGED, assign, condition_number, largest, newton
+from models.newton import (
+    CONVERGED,
+    LinearSystem,
+    advance,
+    assign,
+    condition_number,
+    jacobian,
+    largest,
+    lu_factor,
+    lu_solve,
+    newton,
+    one_norm,
+    residual,
+)
 from models.outcome import Solution
 from models.refinement import (
     DRIFTING,
@@ -32,7 +45,7 @@ from models.refinement import (
     START_FAILED,
     Refined,
     compiled_relative_change,
-)  # fmt: skip
+)
 from models.scene import TENSION_CD, WRAP_ANGLE, Dimensionless, Scene
 from models.solution import PROFILE_POINTS, Fields, solution
 
@@ -48,6 +61,8 @@ TOLERANCES = (1e-10, 1e-9)
 MAX_ITERATIONS = 60
 LARGEST_CHANGE = 1e-4
 """Change above which the slow manifold is not defined well enough to report numbers."""
+CORRECTION_DEGREE = 8
+"""Degree of `first_correction`: fast modes are not representable yet in most scenes, and the ends have four digits."""
 LARGEST_CONDITION = 1e9
 """Above it the layers have entered the discrete problem."""
 
@@ -78,20 +93,12 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
     )  # fmt: skip
     if start.ending != SETTLED:
         return best
-    fields = np.empty_like(start.fields)
-    for j in range(start.degree + 1):
-        fields[0, j] = 2 * np.arctan(np.exp(start.fields[0, j]))
-        fields[1, j] = np.exp(start.fields[1, j])
-        fields[2, j] = start.fields[2, j]
     at_B, change, smallest, last = nothing, nothing, np.inf, np.inf
     iterations, ending = start.iterations, NEWTON_FAILED
     for rung in range(len(matrices[0])):
         at_points, at_nodes = matrices[0][rung], matrices[1][rung]
         degree = at_points.shape[1]
-        x = np.empty(3 * (degree + 1) + 1)
-        for i in range(3):
-            assign(x[i * (degree + 1) : (i + 1) * (degree + 1)], resample(fields[i], degree))
-        x[-1] = w
+        x = start_values(start, degree) if rung == 0 else unknowns(fields, w, degree)
         collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
         status, count, step, value, system = newton(collocated, x, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
         iterations += count
@@ -120,6 +127,54 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
             break
         last = size
     return best
+
+
+@inner
+def first_correction(problem: Any, yarn: Refined, at_points: Array) -> Array:
+    """Relative change of p₃AB, T_AB and θ_B by one Newton step from the flexible yarn, shape (3,).
+
+    Infinite where the Jacobian at this degree is singular or shows fast modes.
+    """
+    degree, scene = at_points.shape[1], problem.scene
+    x = start_values(yarn, degree)
+    size = x.shape[0]
+    value, factors, pivots = np.empty(size), np.empty((size, size)), np.empty(size, np.int64)
+    collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
+    residual(collocated, x, value)
+    jacobian(collocated, x, factors)
+    system = LinearSystem(factors, pivots, one_norm(factors))
+    before = compiled_rod_ends(scene[TENSION_CD], x[0], x[degree + 1], x[2 * degree + 2])
+    change = np.full(3, np.inf)
+    if np.isfinite(system.norm) and lu_factor(factors, pivots) and condition_number(system) <= LARGEST_CONDITION:
+        step = lu_solve(factors, pivots, value)
+        advance(x, -1.0, step, x)
+        after = compiled_rod_ends(scene[TENSION_CD], x[0], x[degree + 1], x[2 * degree + 2])
+        smallest_twist = 1 / (2 * np.pi)
+        change[0] = abs(after[0] / before[0] - 1)
+        change[1] = abs(after[1] - before[1]) / max(abs(before[1]), smallest_twist)
+        change[2] = abs(after[2] / before[2] - 1)
+    return change
+
+
+@inner
+def start_values(yarn: Refined, degree: int) -> Array:
+    """The flexible yarn as unknowns of a rod at another degree: θ, p₃/p₃CD and τ at the nodes, then w."""
+    fields = np.empty_like(yarn.fields)
+    for j in range(yarn.degree + 1):
+        fields[0, j] = 2 * np.arctan(np.exp(yarn.fields[0, j]))
+        fields[1, j] = np.exp(yarn.fields[1, j])
+        fields[2, j] = yarn.fields[2, j]
+    return unknowns(fields, yarn.w, degree)
+
+
+@inner
+def unknowns(fields: Array, w: float, degree: int) -> Array:
+    """Nodal values at another degree, then w, shape (3 degree + 4,)."""
+    x = np.empty(3 * (degree + 1) + 1)
+    for i in range(3):
+        assign(x[i * (degree + 1) : (i + 1) * (degree + 1)], resample(fields[i], degree))
+    x[-1] = w
+    return x
 
 
 @inner

@@ -6,12 +6,15 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from pipeline.errors import InputError, YarnvalError, nearest
+
+if TYPE_CHECKING:
+    from pipeline.records import Quantity
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -124,6 +127,10 @@ def check(
 def predict(
     table: Annotated[Path, typer.Argument(help="TABLE.csv or CASE.toml.", metavar="TABLE.csv|CASE.toml")],
     model: Annotated[str, typer.Option(help="One or more models, separated by commas.")] = "cosserat",
+    tol: Annotated[float, typer.Option(help="Largest relative error that the model 'auto' may have.")] = 0.01,
+    quantity: Annotated[
+        str, typer.Option(help="What --tol is for, separated by commas: fewer may need a cheaper model only.")
+    ] = "p3_AB_cN,T_AB_tpm,theta_B_deg",
     out: Annotated[Path | None, typer.Option(help="Write the table here instead of stdout.")] = None,
     as_json: Json = False,
 ) -> int:
@@ -134,13 +141,15 @@ def predict(
     from pipeline.case import load_scene
     from pipeline.predict import TableRow, TableScene, predict_rows, read_table
 
-    models = _models(model)
+    models, wanted = _models(model), _quantities(quantity)
+    if not (math.isfinite(tol) and tol > 0):
+        raise InputError("--tol", f"found {tol}", "give a relative error greater than 0, for example 0.01")
     if table.suffix == ".toml":
         scenes = (TableScene(table.parent.name or table.stem, load_scene(table)),)
     else:
         scenes = read_table(table)
     with _Bar(f"solving {len(scenes)} scenes", len(scenes) * len(models)) as advance:
-        rows = list(predict_rows(scenes, models, advance))
+        rows = list(predict_rows(scenes, models, progress=advance, tolerance=tol, wanted=wanted))
     if as_json:
         _print_json([row.as_json() for row in rows])
     else:
@@ -296,6 +305,19 @@ def _models(names: str) -> list[str]:
     if not chosen:
         raise InputError("--model", "no model named", f"known: {', '.join(MODELS)}")
     return chosen
+
+
+def _quantities(names: str) -> "list[Quantity]":
+    from pipeline.records import Quantity
+
+    known = [quantity.value for quantity in Quantity]
+    chosen = [name.strip() for name in names.split(",") if name.strip()]
+    for name in chosen:
+        if name not in known:
+            raise InputError("--quantity", f"unknown quantity '{name}'", nearest(name, known))
+    if not chosen:
+        raise InputError("--quantity", "no quantity named", f"known: {', '.join(known)}")
+    return [Quantity(name) for name in chosen]
 
 
 def _window(text: str | None) -> tuple[float | None, float | None] | None:

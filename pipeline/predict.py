@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from models import auto
 from models.batch import Batch, solve_many
 from models.outcome import Ends
 from models.scene import Scene
@@ -173,12 +174,17 @@ def _table_scene(number: int, header: Sequence[str], cells: Sequence[str]) -> Ta
 
 
 def predict_rows(
-    scenes: Sequence[TableScene], models: Sequence[str], progress: Callable[[int], None] | None = None
+    scenes: Sequence[TableScene],
+    models: Sequence[str],
+    *,
+    progress: Callable[[int], None] | None = None,
+    tolerance: float = auto.TOLERANCE,
+    wanted: Sequence[Quantity] = tuple(Quantity),
 ) -> Iterator[TableRow]:
     """Solve each scene with each model, in order; failed rows keep their reason.
 
     All valid scenes are solved at once, on all cores; `wall_s` is each row's share of the time that its model took.
-    `progress` is called with the number of solves that were just done.
+    `progress` is called with the number of solves that were just done; `tolerance` and `wanted` are for `auto`.
     """
     valid = [scene.scene for scene in scenes if scene.scene is not None]
     inputs = {field.name: np.array([getattr(scene, field.name) for scene in valid]) for field in fields(Scene)}
@@ -186,7 +192,9 @@ def predict_rows(
     for model in models:
         begin = time.perf_counter()
         with one_thread():
-            batch = solve_many(inputs, model, progress=progress)
+            batch = solve_many(
+                inputs, model, progress=progress, tolerance=tolerance, wanted=[quantity.field for quantity in wanted]
+            )
         share = (time.perf_counter() - begin) / max(len(valid), 1)
         results[model] = _rows([scene.case for scene in scenes if scene.scene is not None], batch, share)
     for scene in scenes:
@@ -202,14 +210,9 @@ def _bad_row(scene: TableScene, model: str) -> TableRow:
 
 
 def _rows(cases: Sequence[str], batch: Batch, wall: float) -> Iterator[TableRow]:
-    ends = {
-        Quantity.TENSION_AB: (batch.tension_AB, batch.u_tension_AB),
-        Quantity.TWIST_AB: (batch.twist_AB, batch.u_twist_AB),
-        Quantity.THETA_B: (batch.theta_B, batch.u_theta_B),
-    }
     columns = {
-        **{quantity.value: value * quantity.per_si for quantity, (value, _) in ends.items()},
-        **{f"u_num_{quantity.value}": u * quantity.per_si for quantity, (_, u) in ends.items()},
+        **{q.value: getattr(batch, q.field) * q.per_si for q in Quantity},
+        **{f"u_num_{q.value}": getattr(batch, f"u_{q.field}") * q.per_si for q in Quantity},
         "theta_C_deg": np.degrees(batch.theta_C),
         "n1_per_s": batch.rotation,
         "N_min_N_per_m": batch.normal_force_min,

@@ -37,17 +37,18 @@ class Quantity(StrEnum):
         return {"p3_AB_cN": "cN", "T_AB_tpm": "tpm", "theta_B_deg": "°"}[self.value]
 
     @property
+    def field(self) -> str:
+        """Its name in `Ends`."""
+        return {"p3_AB_cN": "tension_AB", "T_AB_tpm": "twist_AB", "theta_B_deg": "theta_B"}[self.value]
+
+    @property
     def symbol(self) -> str:
         """Symbol in the paper."""
         return {"p3_AB_cN": "p₃AB", "T_AB_tpm": "T_AB", "theta_B_deg": "θ_B"}[self.value]
 
     def of(self, ends: Ends) -> float:
         """This quantity of a solution, in SI."""
-        return {
-            Quantity.TENSION_AB: ends.tension_AB,
-            Quantity.TWIST_AB: ends.twist_AB,
-            Quantity.THETA_B: ends.theta_B,
-        }[self]
+        return getattr(ends, self.field)
 
 
 class TensionFlag(IntFlag):
