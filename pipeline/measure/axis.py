@@ -29,6 +29,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.measure.lit import LitProfile, bright_side, fit_lit, side_starts
 from pipeline.records import Array
 
 Image = NDArray[np.float32]
@@ -57,6 +58,14 @@ SAME_DIRECTION = 0.1
 """Turn from one frame to the next up to which an axis is followed [rad]: beyond, the yarn leaves the strip early."""
 
 
+FRONTAL = 0.1
+"""Direction of the light up to which the yarn's own shadow does not show [rad]."""
+SIDEWAYS = 0.5
+"""Direction of the light from which on half heights say little of where the yarn ends [rad]."""
+NO_MISFIT = 0.01
+"""Misfit of the profile up to which its fit is as good as texture lets it be."""
+
+
 @dataclass(frozen=True, slots=True)
 class YarnAxis:
     """Where the yarn is in a frame, in pixels of the frame, pixel centres at whole numbers."""
@@ -75,6 +84,12 @@ class YarnAxis:
     """Share of the yarn's length in view that follows the line: 1 where no hair or second object disturbs it."""
     lean: float
     """Distance from half way between the profile's half heights to the axis, which light from one side causes [px]."""
+    light: float
+    """Direction of the light around the axis, to its right if positive, 0 from the camera [rad]."""
+    shade: tuple[float, float]
+    """Level of the surface that faces the lamp, and in the shadow, texture aside [counts]; see `lit.py`."""
+    misfit: float
+    """Root mean square of what the profile's fit leaves, over the profile's range."""
 
 
 def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
@@ -88,7 +103,7 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
     """
     if before is not None:
         line = *before.centre, before.angle, before.diameter / 2
-        axis = _measure(image, line, before.blur, before.lean)
+        axis = _measure(image, line, before.blur, before.lean, before.light)
         if (
             axis is not None
             and axis.agreement >= SAME_AGREEMENT
@@ -97,13 +112,15 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
         ):
             return axis
     line = _find_line(image)
-    return None if line is None else _measure(image, line, 1.0, 0.0)
+    return None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
 
 
-def _measure(image: Image, line: tuple[float, float, float, float], blur: float, lean: float) -> YarnAxis | None:
+def _measure(
+    image: Image, line: tuple[float, float, float, float], blur: float, lean: float, light: float
+) -> YarnAxis | None:
     """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
 
-    `blur` and `lean` are where the fit starts, see `YarnAxis`.
+    `blur`, `lean` and `light` are where the fit starts, see `YarnAxis`.
     """
     x, y, angle, radius = line
     half = math.ceil(1.3 * radius + 6)
@@ -126,17 +143,61 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float,
     else:
         return None
     body = _fit_profile(profile, spread, (shift + lean, radius, blur))
+    if body is None or abs(body.light) > FRONTAL or body.misfit > NO_MISFIT:
+        start = (shift + lean, radius, blur, light)
+        strip, profile, body = _fit_shadow(image, (x, y), angle, strip, body, start)
     if body is None:
         return None
-    offset, radius, blur = body
+    half = strip.shape[0] // 2
+    offset, radius, blur, light = body.offset, body.radius, body.blur, body.light
     length = strip.shape[1]
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half < radius + 2:
         return None
     x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
     lean = offset - shift
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
-        lean = -lean
-    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean)
+        lean, light = -lean, -light
+    dark = float(np.interp(offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
+    shade = (dark + body.ambient + body.lamp, dark + body.ambient)
+    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean, light, shade, body.misfit)
+
+
+def _fit_shadow(
+    image: Image,
+    centre: tuple[float, float],
+    angle: float,
+    strip: Image,
+    plain: LitProfile | None,
+    start: tuple[float, float, float, float],
+) -> tuple[Image, Array, LitProfile | None]:
+    """Fit the profile with its shadow, if it fits; a wider strip is cut where it is needed.
+
+    Parameters
+    ----------
+    image, centre, angle, strip : see `straighten`.
+    start : offset, radius, blur [px] and direction of the light in the frame before [rad]; 0 where there is none.
+    """
+    known = abs(start[3]) > FRONTAL
+    profile, spread = _middle_mean(_blocks(strip))
+    if plain is None or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start[3]) > SIDEWAYS:
+        # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
+        first, last = bright_side(profile)
+        half = math.ceil(1.3 * (last - first) + 6)
+        span = _span(image.shape, *centre, angle, half)
+        length = 0 if span is None else 2 * math.floor(min(-span[0], span[1]))
+        if half > strip.shape[0] // 2 and length >= 4 * BLOCK:
+            strip = straighten(image, centre, angle, half, length)
+            profile, spread = _middle_mean(_blocks(strip))
+    weight = _weight(profile, spread)
+    body = fit_lit(profile, weight, [start]) if known else None
+    if body is None or body.misfit > NO_MISFIT:
+        starts = side_starts(profile, start[2])
+        if plain is not None:
+            starts.append((plain.offset, plain.radius, plain.blur, plain.light))
+        body = fit_lit(profile, weight, starts)
+    if body is None or (plain is not None and body.misfit > max(NO_MISFIT, plain.misfit)):
+        body = plain
+    return strip, profile, body
 
 
 def straighten(image: Image, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
@@ -386,11 +447,15 @@ def _body(across: Array, offset: float, radius: float, blur: float, sine: Array,
     return integrals
 
 
-def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> tuple[float, float, float] | None:
-    """Fit the blurred, shaded body to a strip's profile; return offset, radius and blur [px], None without contrast.
+def _weight(profile: Array, spread: Array) -> Array:
+    """Weigh rows by the spread of their values, so that texture in the body does not outweigh the edges."""
+    return 1 / np.maximum(spread, 1e-3 * max(float(np.ptp(profile)), 1e-9))
 
-    Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
-    squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian (BIT 15, 1975).
+
+def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> LitProfile | None:
+    """Fit the blurred, shaded body without a shadow to a strip's profile; None without contrast.
+
+    Separable least squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian (BIT 15, 1975).
 
     Parameters
     ----------
@@ -401,7 +466,7 @@ def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float
     offset, radius, blur = start
     across = np.arange(-half, half + 1, dtype=float)
     outer = np.abs(across) > INNER * radius
-    across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(float(np.ptp(profile)), 1e-9))
+    across, weight = across[outer], _weight(profile, spread)[outer]
     # nodes closer than the narrowest usual blur
     sine, share = _quadrature(16 * math.ceil(3 * radius / 16))
     basis, columns = np.empty((5, across.size)), np.empty((4, across.size))
@@ -442,4 +507,9 @@ def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float
     contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
     if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
         return None
-    return float(at[0]), float(at[1]), math.exp(at[2])
+    flat, right, front = (float(value) for value in coefficients[2:])
+    misfit = float(np.sqrt(np.mean((rest / weight) ** 2))) / max(float(np.ptp(profile)), 1e-9)
+    offset, radius, blur = float(at[0]), float(at[1]), math.exp(at[2])
+    return LitProfile(
+        offset, radius, blur, math.atan2(right, front), flat, math.hypot(right, front), float(rest @ rest), misfit
+    )

@@ -14,8 +14,8 @@ Geophysics 43, 1978), taken of the autocorrelation.
 
 Near the edge the optics mix the outermost surface with points further in only, because beyond it there is nothing, so
 a row would show a smaller γ than its own: rows within `EDGE` times the blur's σ of the edge are not used. Further in,
-the curvature of asin and the fall of Lambert's light shift the γ shown by +½ and −1 times σ²w/(R² − w²)^{3/2}: the sum
-lies within ±½ of that, for which nothing is corrected and `MAX_BLUR` limits σ/R.
+the curvature of asin and the fall of Lambert's light shift the γ shown by +½ and −1 times σ²w/(R² − w²)^{3/2}: each row
+is taken from the place where its γ shows (`lit.places_of`). Rows in a shadow darker than `DARKEST` are left out.
 
 The estimate is credible where all of this holds: the yarn is at least `MIN_DIAMETER` across and in focus; the mean
 correlation along the fibres is at least `MIN_COHERENCE`; no slope that is flatter or steeper by more than a factor of
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import spline_filter1d
 
 from pipeline.measure.axis import Image, YarnAxis
+from pipeline.measure.lit import level, places_of
 from pipeline.records import Array
 
 Indices = NDArray[np.intp]
@@ -49,6 +50,8 @@ WIDEST = 0.8
 SLOPES = np.geomspace(0.04, 2.0, 72)
 """tan β = πdT searched, both signs: β from 2° to 63°."""
 SIGNED_SLOPES = np.concatenate([-SLOPES[::-1], [0.0], SLOPES])
+DARKEST = 0.2
+"""Least level of a row over the brightest one's."""
 EDGE = 2.5
 """Distance from the edge inside of which rows are not used, in standard deviations of the blur."""
 NEAREST = 3
@@ -128,12 +131,15 @@ def unroll(image: Image, axis: YarnAxis) -> Image:
 
     Returns
     -------
-    Shape (2m + 1, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
+    Shape (rows, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
     trend along x and with unit variance.
     """
     radius = axis.diameter / 2
     count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)
-    across = radius * np.sin(np.arange(-count, count + 1) / radius)
+    gamma = np.arange(-count, count + 1) / radius
+    bright = level(gamma, axis.light, axis.shade)
+    gamma = gamma[bright >= DARKEST * bright.max()]
+    across = places_of(gamma, radius, axis.blur, axis.light, axis.shade)
     along = np.arange(axis.length) - (axis.length - 1) / 2
     c, s = math.cos(axis.angle), math.sin(axis.angle)
     x = np.add.outer((axis.centre[0] + s * across).astype(np.float32), (c * along).astype(np.float32))
