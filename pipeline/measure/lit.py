@@ -27,7 +27,10 @@ STARTS = (0.2, 0.5, 0.8, 1.1)
 """Directions of the lamp that the fit starts from, on either side [rad]."""
 FARTHEST = 1.45
 """Largest α: beyond, the lamp stands behind the yarn [rad]."""
+NO_BODY = 0.1
+"""Misfit from which on there is nothing but noise in the profile."""
 FOOT = 0.2
+"""Height of the profile, over its maximum, that the bright side is taken to begin at."""
 NODES = 3.0
 """Nodes of the integral over γ per pixel of the largest radius to start from: closer than the narrowest usual blur."""
 STEPS = 30
@@ -73,7 +76,8 @@ def fit_lit(profile: Array, weight: Array, starts: list[tuple[float, float, floa
         squares, levels, misfit = _fit(profile, weight, at, low, high, nodes, shares)
         inside = np.all((at[:3] > low[:3]) & (at[:3] < high[:3]))
         # a lamp that takes light away is none
-        if inside and levels[3] > 0 and math.isfinite(squares) and (best is None or squares < best.squares):
+        credible = inside and levels[3] > 0 and math.isfinite(squares) and misfit < NO_BODY
+        if credible and (best is None or squares < best.squares):
             offset, radius, blur, light = (float(value) for value in at)
             best = LitProfile(
                 offset, radius, math.exp(blur), light, float(levels[2]), float(levels[3]), float(squares), float(misfit)

@@ -135,7 +135,7 @@ def unroll(image: Image, axis: YarnAxis) -> Image:
     trend along x and with unit variance.
     """
     radius = axis.diameter / 2
-    count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)
+    count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
     gamma = np.arange(-count, count + 1) / radius
     bright = level(gamma, axis.light, axis.shade)
     gamma = gamma[bright >= DARKEST * bright.max()]
