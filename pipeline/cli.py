@@ -351,9 +351,9 @@ def _print_summary(document: dict[str, Any]) -> None:
     for key, value in document.items():
         if isinstance(value, dict):
             for name, part in value.items():
-                shown = (
-                    ", ".join(f"{k} {_short(v)}" for k, v in part.items()) if isinstance(part, dict) else _short(part)
-                )
+                told = part.items() if isinstance(part, dict) else ()
+                shown = ", ".join(f"{k} {_short(v)}" for k, v in told if v != "" and not isinstance(v, dict))
+                shown = shown if isinstance(part, dict) else _short(part)
                 print(f"{key}.{name}: {shown}")
         elif not isinstance(value, list):
             print(f"{key}: {_short(value)}")

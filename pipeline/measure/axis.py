@@ -5,7 +5,9 @@ first, as long as what is then found is the same yarn: only a strip around the y
 
 1. *Find.* On a reduced frame, a smooth background (quadratic in x and y, fitted robustly) is subtracted; Otsu's
    threshold and connected components give the largest elongated thing; a line is fitted to its full cross-sections
-   only, because the slanted ends where the frame cuts the yarn would turn the line.
+   only, because the slanted ends where the frame cuts the yarn would turn the line. Where that is no yarn (a broad
+   cylinder behind it, a second thing, a background as bright as the yarn), the bands between two opposite straight
+   edges are tried (`edges.py`).
 2. *Align.* The frame is straightened along the line. The mean cross profile p(w) is held against each short block of
    the yarn: I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade,
    IJCAI 1981, with gain and offset). p′ is large at the two edges only, so δ is the mean of both edges' sub-pixel
@@ -29,6 +31,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.measure.edges import bands
 from pipeline.measure.lit import LitProfile, bright_side, fit_lit, side_starts
 from pipeline.records import Array
 
@@ -58,6 +61,12 @@ SAME_DIRECTION = 0.1
 """Turn from one frame to the next up to which an axis is followed [rad]: beyond, the yarn leaves the strip early."""
 
 
+BANDS = 3
+"""Bands between two edges that are tried where no thing of its own brightness is the yarn."""
+MIN_AGREEMENT = 0.4
+"""Least share of the blocks that agree for such a band."""
+MAX_MISFIT = 0.03
+"""Misfit of the profile, over its range, above which its edges are not those of a round body."""
 FRONTAL = 0.1
 """Direction of the light up to which the yarn's own shadow does not show [rad]."""
 SIDEWAYS = 0.5
@@ -112,7 +121,16 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
         ):
             return axis
     line = _find_line(image)
-    return None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
+    axis = None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
+    if axis is not None and axis.misfit <= MAX_MISFIT:
+        return axis
+    for band in bands(image, BANDS):
+        other = _measure(image, band, 1.0, 0.0, 0.0)
+        if other is not None and other.agreement >= MIN_AGREEMENT and (axis is None or other.misfit < axis.misfit):
+            axis = other
+        if axis is not None and axis.misfit <= MAX_MISFIT:
+            break
+    return axis
 
 
 def _measure(

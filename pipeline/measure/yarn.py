@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import Image, YarnAxis, find_axis, straighten
+from pipeline.measure.axis import MAX_MISFIT, Image, YarnAxis, find_axis, straighten
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.rotation import helix_turn
@@ -51,8 +51,6 @@ METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.005, "ply": 0.002, "tracer":
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
 errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py."""
 
-MAX_MISFIT = 0.03
-"""Misfit of the profile, over its range, above which its edges are not those of a round body."""
 FARTHEST_LIGHT = 1.3
 """Direction of the light from which on the far edge is not seen [rad]."""
 MAX_BLUR = 0.15
