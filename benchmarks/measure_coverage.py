@@ -1,9 +1,9 @@
-"""Whether a clip's numbers and their stated uncertainties can be believed: rendered clips drawn at random over the range.
+"""Whether a clip's numbers and their stated uncertainties can be believed: rendered clips, drawn at random.
 
     python benchmarks/measure_coverage.py [FOLDER]      (default: reports)
 
-writes measure_coverage.csv: one row per clip, and prints the statistics. All frames are synthetic. Single yarn: diameter
-20 to 60 px, 300 to 1500 turns per metre of a yarn of 0.16 mm, S and Z, angle 20° to 160°, 0 to 6 hairs per diameter,
+writes measure_coverage.csv: one row per clip, and prints the statistics. All frames are synthetic. Single yarn: 20 to
+60 px, 300 to 1500 turns per metre of a yarn of 0.16 mm, S and Z, angle 20° to 160°, 0 to 6 hairs per diameter,
 signal to noise 10 to 100, blur 0.5 to 2 px, up to 20° of rotation in the exposure, light up to 60° beside the camera.
 The yarn runs through the clip as yarn does: frames share fibres. Plied yarn and yarn with a tracer are drawn over the
 same range. Three kinds of clip have no credible twist: 8 px across, no texture, 6 px out of focus.
@@ -17,8 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-
 from measure_bias import BITS, FULL_SCALE, PROCESSES, Stack
+
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import RawVideo, Scale, Source
 from pipeline.synthetic import Material, Optics, render_frame
@@ -79,7 +79,8 @@ def clip(kind: str, seed: int) -> dict[str, float | str]:
         "twist_error_percent": 100 * (s["twist"].mean / tpm - 1),
         "twist_sd_percent": 100 * float(np.nanstd(m.twist) / abs(tpm)) if np.any(np.isfinite(m.twist)) else math.nan,
         "twist_u_percent": 100 * s["twist"].u / abs(tpm),
-        "helix_error_deg": about - math.degrees(turn), "helix_u_deg": math.degrees(s["helix_rotation"].u / 1200 * 2 * math.pi),
+        "helix_error_deg": about - math.degrees(turn),
+        "helix_u_deg": math.degrees(s["helix_rotation"].u / 1200 * 2 * math.pi),
         "reason": m.reason,
     }  # fmt: skip
 

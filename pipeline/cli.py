@@ -228,7 +228,9 @@ def measure(
     if method not in METHODS:
         raise InputError("--method", f"unknown method '{method}'", nearest(method, list(METHODS)))
     if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
-        raise InputError("--plies", f"found {plies} with --method {method}", "give 2 or more with --method ply, else none")
+        raise InputError(
+            "--plies", f"found {plies} with --method {method}", "give 2 or more with --method ply, else none"
+        )
     if yarn_speed_m_s is not None and not math.isfinite(yarn_speed_m_s):
         raise InputError("--yarn-speed-m-s", f"found {yarn_speed_m_s}", "give the speed in metres per second")
     if scale_u_um_per_px is not None and scale_um_per_px is None:
@@ -252,9 +254,7 @@ def measure(
             if axis is None and scale_image is None:
                 axis = cylinder.axis
                 origin |= {"axis_deg": math.degrees(axis), "u_axis_deg": math.degrees(cylinder.u_axis)}
-        measured = measure_yarn(
-            video, scale, cylinder_axis=axis, method=method, plies=plies, speed=yarn_speed_m_s
-        )
+        measured = measure_yarn(video, scale, cylinder_axis=axis, method=method, plies=plies, speed=yarn_speed_m_s)
         if overlay:
             write_overlay(measured, scale, overlay)
     document = measure_json(measured) | {"scale": {"um_per_px": scale.metres_per_pixel * 1e6, **origin}}

@@ -1,9 +1,9 @@
 """The synthetic rig: a yarn of known truth, rendered to frames and tension logs. Nothing here was measured on a yarn.
 
 Frames show one yarn as a cylinder whose surface carries a broadband fibre texture that is fixed in the yarn and sheared
-into a helix, u = γ − 2πT·x, lit, blurred by the optics, integrated over pixels and read with shot and read noise. A plied yarn is
-that many strands wound about each other. It
-shares no code with pipeline.measure, so a measurement that agrees with the truth does so for a reason.
+into a helix, u = γ − 2πT·x, lit, blurred by the optics, integrated over pixels and read with shot and read noise. A
+plied yarn is several strands wound about each other. All this shares no code with pipeline.measure, so a measurement
+that agrees with the truth does so for a reason.
 
 `python -m pipeline.synthetic DIR --truth FILE` regenerates the study in DIR and writes the truth apart, bit for bit
 the same each time. The truth series are smooth seeded draws (first-order autoregressive), shifted and scaled until each
@@ -213,18 +213,20 @@ def _level(
     """One instant without noise, as levels; parameters as for `render_frame`."""
     rows, columns = shape
     step = 1 / SUPERSAMPLING
-    right = (np.arange(columns * SUPERSAMPLING) + 0.5) * step - columns / 2
-    up = (rows / 2 - (np.arange(rows * SUPERSAMPLING) + 0.5) * step)[:, None]
+    right: Array = (np.arange(columns * SUPERSAMPLING, dtype=np.float64) + 0.5) * step - columns / 2
+    up: Array = (rows / 2 - (np.arange(rows * SUPERSAMPLING, dtype=np.float64) + 0.5) * step)[:, None]
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     across = right * s - up * c - offset
 
     image = np.full(across.shape, optics.background, np.float32)
     if backdrop is not None:
         image += backdrop(right, up).astype(np.float32)
+    along = right * c + up * s
     body = np.abs(across) < diameter / 2
     if material.plies > 1:
-        body &= _strand(material, across, right * c + up * s, diameter, twist, phase)[0] > -math.inf
-    along = (right * c + up * s)[body]
+        turn = phase + _unevenness(material, twist, diameter, along - travel)
+        body &= _strand(material, across, along, diameter, twist, turn)[0] > -math.inf
+    along = along[body]
     turn = phase + _unevenness(material, twist, diameter, along - travel)
     if material.plies > 1:
         _, gamma, number = _strand(material, across[body], along, diameter, twist, turn)

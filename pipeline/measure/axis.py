@@ -473,7 +473,8 @@ def _weight(profile: Array, spread: Array) -> Array:
 def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> LitProfile | None:
     """Fit the blurred, shaded body without a shadow to a strip's profile; None without contrast.
 
-    Separable least squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian (BIT 15, 1975).
+    Separable least squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian
+    (BIT 15, 1975).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Straight edges across a whole frame, in every direction.
 
-The gradient of the smoothed, reduced frame is projected on each direction and averaged along lines (a Radon transform of
-the directional derivative): a straight edge is a peak, positive where the frame gets brighter to the line's right.
+The gradient of the smoothed, reduced frame is projected on each direction and averaged along lines (a Radon transform
+of the directional derivative): a straight edge is a peak, positive where the frame gets brighter to the line's right.
 """
 
 import math
@@ -52,7 +52,7 @@ def edge_lines(image: Image, directions: int) -> EdgeLines:
     y, x = np.indices(small.shape)
     y, x = y - (small.shape[0] - 1) / 2, x - (small.shape[1] - 1) / 2
     half = math.ceil(math.hypot(*small.shape) / 2)
-    angles = np.arange(directions) * (math.pi / directions)
+    angles = np.arange(directions, dtype=np.float64) * (math.pi / directions)
     lines = np.zeros((directions, 2 * half + 1))
     for i, angle in enumerate(angles):
         c, s = math.cos(angle), math.sin(angle)

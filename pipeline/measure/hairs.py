@@ -2,8 +2,8 @@
 
 On either side a line runs along the yarn, `BEYOND` diameters from its edge. What is narrower along it than `WIDEST`
 diameters and stands out of the background by `SIGMAS` robust standard deviations, and by `FAINTEST` of the yarn's own
-level, is one crossing of a hair. The index is crossings per length of yarn, both sides together. It depends on light and
-focus as every optical hairiness does: compare it between clips of one set-up only.
+level, is one crossing of a hair. The index is crossings per length of yarn, both sides together. It depends on light
+and focus as every optical hairiness does: compare it between clips of one set-up only.
 """
 
 import math

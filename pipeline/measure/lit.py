@@ -10,8 +10,8 @@ on a linear background. Without the shadow, which `axis.py` leaves out where the
 radius is wrong by 0.4 % at α = 11°, 4 % at 23° and a third at 63°.
 
 Separable least squares: Levenberg's steps in offset, R, blur and α with differences for derivatives, the four levels
-linear. With the lamp far to the side there are several minima, so the fit starts from several α on either side; the edge
-that faces the lamp is seen well, so each start keeps that edge.
+linear. With the lamp far to the side there are several minima, so the fit starts from several α on either side; the
+edge that faces the lamp is seen well, so each start keeps that edge.
 """
 
 import math
@@ -23,9 +23,9 @@ import numpy as np
 from models.compiled import compiled, inner
 from pipeline.records import Array
 
-STARTS = (0.2, 0.5, 0.8, 1.1)
+STARTS = (0.2, 0.5, 0.8, 1.1, 1.4)
 """Directions of the lamp that the fit starts from, on either side [rad]."""
-FARTHEST = 1.45
+FARTHEST = 1.55
 """Largest α: beyond, the lamp stands behind the yarn [rad]."""
 NO_BODY = 0.1
 """Misfit from which on there is nothing but noise in the profile."""
@@ -71,8 +71,8 @@ def fit_lit(profile: Array, weight: Array, starts: list[tuple[float, float, floa
     low, high = np.array([-half, 1.5, math.log(0.3), -FARTHEST]), np.array([half, half - 1.0, math.log(half), FARTHEST])
     nodes, shares = _quadrature(8 * math.ceil(NODES * max(start[1] for start in starts) / 8))
     best = None
-    for offset, radius, blur, light in starts:
-        at = np.clip([offset, radius, math.log(blur), light], low, high)
+    for start in starts:
+        at = np.clip([start[0], start[1], math.log(start[2]), start[3]], low, high)
         squares, levels, misfit = _fit(profile, weight, at, low, high, nodes, shares)
         inside = np.all((at[:3] > low[:3]) & (at[:3] < high[:3]))
         # a lamp that takes light away is none
@@ -154,7 +154,9 @@ def _columns(at: Array, rows: int, nodes: Array, shares: Array, columns: Array) 
 
 
 @inner
-def _rest(at: Array, profile: Array, weight: Array, nodes: Array, shares: Array, columns: Array, levels: Array) -> Array:
+def _rest(
+    at: Array, profile: Array, weight: Array, nodes: Array, shares: Array, columns: Array, levels: Array
+) -> Array:
     """Return the weighted residuals with the best levels, which are filled in, shape (4,)."""
     rows = profile.size
     for i in range(rows):

@@ -47,7 +47,7 @@ def ply_twist(image: Image, axis: YarnAxis, plies: int) -> FrameTwist:
     length = axis.length
     half = math.floor(0.4 * axis.diameter)
     strip = straighten(image, axis.centre, axis.angle, half, length).astype(float)
-    x = np.arange(length) - (length - 1) / 2
+    x = np.arange(length, dtype=np.float64) - (length - 1) / 2
     trend = np.linalg.qr(np.vander(x / length, 3))[0]
     rows = strip - (strip @ trend) @ trend.T
     total = float(np.sum(rows**2))
@@ -79,7 +79,10 @@ def ply_twist(image: Image, axis: YarnAxis, plies: int) -> FrameTwist:
 
     reach = 0.5 / length
     found = minimize_scalar(
-        lambda f: -explained(f), bounds=(coarse - reach, coarse + reach), method="bounded", options={"xatol": 1e-4 / length}
+        lambda f: -explained(f),
+        bounds=(coarse - reach, coarse + reach),
+        method="bounded",
+        options={"xatol": 1e-4 / length},
     )
     frequency, share = float(found.x), -float(found.fun)
     related = np.min(np.abs(np.outer(tried / size, (1, 2, 3, 0.5, 1 / 3)) - frequency), axis=1) < 1.5 / length

@@ -18,6 +18,7 @@ Sign: δ > 0 is a right-handed rotation about the direction of the axis' angle.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import scipy.fft
@@ -45,6 +46,8 @@ def helix_turn(first: Image, second: Image, axes: tuple[YarnAxis, YarnAxis], twi
     axes : where the yarn is in each.
     twist : signed [1/px]; the ridge's slope.
     """
+    if math.cos(axes[0].angle - axes[1].angle) < 0:  # the same axis, named by its other direction
+        axes = axes[0], replace(axes[1], angle=axes[1].angle - math.pi, light=-axes[1].light)
     one, other = unroll(first, axes[0]), unroll(second, axes[1])
     rows = min(one.shape[0], other.shape[0])
     one, other = _middle_rows(one, rows), _middle_rows(other, rows)

@@ -1,4 +1,4 @@
-"""Twist of a yarn with one tracer fibre in one frame: a dyed fibre that stays on the surface, the usual way to see twist.
+"""Twist of a yarn in one frame by a tracer: one dyed fibre that stays on the surface, the usual way to see twist.
 
 On the unrolled surface the fibre is the line γ = 2πT·x + u₀ wherever it faces the camera. The surface is therefore
 averaged over all pixels of equal u = γ − 2πT·x (modulo a turn), for each T tried: with the right T the fibre is one
@@ -71,7 +71,7 @@ def tracer_twist(image: Image, axis: YarnAxis) -> FrameTwist:
 
 
 def _pieces(surface: Image, twist: float, radius: float) -> tuple[float, float]:
-    """Return the mean depth of the strongest line's pieces, and the share of them that are dark (or bright) as it is."""
+    """Return the mean depth of the strongest line's pieces, and the share of them as dark, or as bright, as it is."""
     rows, length = surface.shape
     around = round(2 * math.pi * radius)
     gamma, x = (np.arange(rows) - (rows - 1) / 2) / radius, np.arange(length) - (length - 1) / 2

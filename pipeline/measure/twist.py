@@ -43,8 +43,8 @@ Indices = NDArray[np.intp]
 MIN_DIAMETER = 20.0
 MAX_BLUR = 0.15
 MIN_TURNS = 0.1
-MIN_COHERENCE = 0.1
-MIN_CONTRAST = 0.3
+MIN_COHERENCE = 0.2
+MIN_CONTRAST = 0.5
 WIDEST = 0.8
 """Largest |w|/R used: further out the fibres lie too close to be told apart."""
 SLOPES = np.geomspace(0.04, 2.0, 72)

@@ -42,8 +42,8 @@ from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
 
 METHODS = ("surface", "ply", "tracer")
-"""Known ways to measure twist: the slope of the fibres on a single yarn's unrolled surface (`twist.py`), the period of a
-plied yarn's strands (`pitch.py`), a tracer fibre (`tracer.py`)."""
+"""Known ways to measure twist: the slope of the fibres on a single yarn's unrolled surface (`twist.py`), the period of
+a plied yarn's strands (`pitch.py`), a tracer fibre (`tracer.py`)."""
 
 METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER = 0.003
@@ -55,6 +55,8 @@ FARTHEST_LIGHT = 1.3
 """Direction of the light from which on the far edge is not seen [rad]."""
 MAX_BLUR = 0.15
 """Blur over the radius above which an edge cannot be told from the body."""
+MIN_CREDIBLE = 0.3
+"""Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 MIN_RESOLVED = 0.6
@@ -116,23 +118,16 @@ def measure_yarn(
     Raises
     ------
     InputError
-        If the method is not known or lacks its number of plies, or if the scale is not a positive number. Frames that cannot be read are flagged.
+        If the method is not known or lacks its number of plies, or if the scale is not a positive number. Frames that
+        cannot be read are flagged.
     """
-    if method not in METHODS:
-        raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
-    if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
-        raise InputError("plies", f"{plies} with the method '{method}'", "2 or more with the method 'ply', else none")
-    if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
-        raise InputError(
-            "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
-        )
+    _check_call(method, plies, scale)
     n = len(video.frames)
     angle, twist, diameter = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     centre = np.full((n, 2), np.nan)
     hairs, turn = np.full(n, np.nan), np.full(n, np.nan)
     confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
-    reasons: Counter[str] = Counter()
-    doubts: Counter[str] = Counter()
+    reasons, doubts = Counter[str](), Counter[str]()
     images: dict[int, NDArray[np.uint8]] = {}
     misfits: list[float] = []
     for i, found in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
@@ -153,6 +148,10 @@ def measure_yarn(
         if found.reduced is not None:
             images[i] = found.reduced
 
+    credible, seen = np.count_nonzero(np.isfinite(twist)), np.count_nonzero(np.isfinite(angle))
+    if credible < MIN_CREDIBLE * seen:
+        twist[:] = math.nan
+        flag[np.isfinite(angle)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
     diameter *= scale.metres_per_pixel
     twist /= scale.metres_per_pixel
     hairs /= scale.metres_per_pixel
@@ -161,6 +160,7 @@ def measure_yarn(
     flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
     theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
     kept = (flag & FrameFlag.OUTLIER) == 0
+    # what the profile's model leaves unexplained counts against the diameter
     relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER, float(np.median(misfits or [0.0])))}
     relative_u["twist"] = METHOD_U_TWIST[method]
     series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
@@ -169,8 +169,7 @@ def measure_yarn(
         summary["theta_B"] = Estimate(math.nan, n=0, reason="no cylinder axis was given")
     summary["hairiness"] = mean_estimate(hairs, reason="crossings beside the yarn: not a standard's hairiness")
     rotation = _rotation(video.time, turn, angle, cylinder_axis)
-    looked = np.count_nonzero(_looked_at(n))
-    summary["helix_rotation"] = _mean_rotation(rotation, looked, video.rate)
+    summary["helix_rotation"] = _mean_rotation(rotation, video.rate)
     if speed is not None:
         summary["rotation"] = _yarn_rotation(summary["helix_rotation"], summary["twist"], speed)
     mean_twist = summary["twist"].mean
@@ -194,6 +193,17 @@ def measure_yarn(
             for i, image in images.items()
         ),
     )
+
+
+def _check_call(method: str, plies: int | None, scale: Scale) -> None:
+    if method not in METHODS:
+        raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
+    if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
+        raise InputError("plies", f"{plies} with the method '{method}'", "2 or more with the method 'ply', else none")
+    if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
+        raise InputError(
+            "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
+        )
 
 
 def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
@@ -359,17 +369,18 @@ def _measure_chunk(
 def _rotation(time: Array, turn: Array, angle: Array, cylinder_axis: float | None) -> Array:
     """Return the helix' turns a second until the next frame, about the direction of travel, shape (n,).
 
-    The yarn travels to the right of e_z; where that is not given, in the direction of the axis' angle.
+    The yarn travels to the right of e_z; where that is not given, in the direction of the axis' mean angle in [0, π).
     """
     rate = turn / (2 * math.pi * np.append(np.diff(time), np.nan))
-    if cylinder_axis is None:
-        return rate
-    # θ in (0, π) makes e_z − θ the direction of travel; the axis' angle is that or the opposite
-    travel = cylinder_axis - np.mod(cylinder_axis - angle, math.pi)
+    travel = _unwrapped(angle)
+    if cylinder_axis is not None:  # θ in (0, π) makes e_z − θ the direction of travel
+        travel = cylinder_axis - np.mod(cylinder_axis - angle, math.pi)
+    # the axis' angle is that direction or the opposite
     return rate * np.where(np.cos(travel - angle) > 0, 1, -1)
 
 
-def _mean_rotation(rotation: Array, looked: int, rate: float) -> Estimate:
+def _mean_rotation(rotation: Array, rate: float) -> Estimate:
+    looked = int(np.count_nonzero(_looked_at(rotation.size)))
     known = int(np.count_nonzero(np.isfinite(rotation)))
     if known < max(2, MIN_RESOLVED * looked):
         why = f"the surface was seen again in {known} of {looked} pairs of frames: it turned or travelled too far"
