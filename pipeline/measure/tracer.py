@@ -30,7 +30,7 @@ STEPS = 20
 """Twists tried per 1/length."""
 MIN_DIAMETER = 12.0
 MIN_CONTRAST = 0.25
-MIN_TURNS = 1.0
+MIN_TURNS = 1.5
 MIN_DEPTH = 2.2
 """Mean distance of the line's pieces from the surface's mean, in standard deviations of the surface."""
 MIN_FOLLOWED = 0.9
