@@ -5,8 +5,8 @@
 writes measure_coverage.csv: one row per clip, and prints the statistics. All frames are synthetic. Single yarn: 20 to
 60 px, 300 to 1500 turns per metre of a yarn of 0.16 mm, S and Z, angle 20° to 160°, 0 to 6 hairs per diameter, signal
 to noise 10 to 100, blur 0.5 to 2 px, up to 20° of rotation in the exposure of every third clip, light up to 60° beside
-the camera. The yarn runs through the clip as yarn does: frames share fibres. Plied yarn and yarn with a tracer are drawn
-over the same range. Three kinds of clip have no credible twist: 8 px across, no texture, 6 px out of focus.
+the camera. The yarn runs through the clip as yarn does: frames share fibres. Plied yarn and yarn with a tracer are
+drawn over the same range. Three kinds of clip have no credible twist: 8 px across, no texture, 6 px out of focus.
 """
 
 import csv
