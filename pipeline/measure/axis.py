@@ -25,10 +25,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from models.compiled import compiled
+from models.newton import lu_factor, lu_solve
+from pipeline.measure.profile import fit_profile, middle, quadrature
 from pipeline.records import Array
 
 Image = NDArray[np.float32]
@@ -119,16 +121,17 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float,
         if not agreement:
             return None
         angle -= math.atan(tilt)
-        shift = _middle(profile)
+        shift = middle(profile)
         if abs(shift) <= CENTRED and abs(tilt) * strip.shape[1] <= ALIGNED:
             break
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
     else:
         return None
-    body = _fit_profile(profile, spread, (shift + lean, radius, blur))
-    if body is None:
+    # nodes closer than the narrowest usual blur
+    sine, share = quadrature(16 * math.ceil(3 * radius / 16))
+    offset, radius, blur = fit_profile(profile, spread, shift + lean, radius, blur, sine, share)
+    if not radius:
         return None
-    offset, radius, blur = body
     length = strip.shape[1]
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half < radius + 2:
         return None
@@ -283,163 +286,54 @@ def _middle_mean(blocks: Image) -> tuple[Array, Array]:
     return middle.mean(axis=1, dtype=np.float64), (middle[:, -1] - middle[:, 0]).astype(float)
 
 
-def _middle(profile: Array) -> float:
-    """Return how far from the middle row the body is, half way between its outermost half heights [px]."""
-    ends = float(profile[:3].mean()), float(profile[-3:].mean())
-    level = float(profile.mean())
-    height = np.abs(profile - max(ends, key=lambda end: abs(end - level)))
-    height /= max(float(height.max()), 1e-9) / 2
-    body = np.flatnonzero(height >= 1)
-    first, last = float(body[0]), float(body[-1])
-    if first > 0 and last < profile.size - 1:
-        rise, fall = height[body[0] - 1 : body[0] + 1], height[body[-1] : body[-1] + 2]
-        first -= float((rise[1] - 1) / (rise[1] - rise[0]))
-        last += float((fall[0] - 1) / (fall[0] - fall[1]))
-    return (first + last - (profile.size - 1)) / 2
-
-
+@compiled
 def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape
-    design = np.ones((rows, 3))
-    design[:, 0] = profile
-    design[1:-1, 2] = 0.5 * (profile[:-2] - profile[2:])
-    design[0, 2], design[-1, 2] = profile[0] - profile[1], profile[-2] - profile[-1]
-    scale = np.sqrt((design * design).sum(axis=0))
-    if scale.min() <= 0:
-        return 0.0, 0.0
-    design /= scale
-    normal = design.T @ design + 1e-12 * np.eye(3)
-    gain, _, moved = np.linalg.solve(normal, design.T @ blocks) / scale[:, None]
+    design = np.ones((3, rows))
+    for i in range(rows):
+        before, after = max(i - 1, 0), min(i + 1, rows - 1)
+        design[0, i], design[2, i] = profile[i], (profile[before] - profile[after]) / (after - before)
+    scale, normal = np.empty(3), np.empty((3, 3))
+    for k in range(3):
+        scale[k] = math.sqrt(np.sum(design[k] ** 2))
+        if scale[k] <= 0:
+            return 0.0, 0.0
+        design[k] /= scale[k]
+    for k in range(3):
+        for m in range(3):
+            normal[k, m] = np.sum(design[k] * design[m]) + (1e-12 if k == m else 0.0)
+    pivots = np.empty(3, np.int64)
+    lu_factor(normal, pivots)
+    # rows of the pseudo-inverse: what weighs a block's rows to its gain and to gain times shift
+    for_gain, for_moved = lu_solve(normal, pivots, np.eye(3)[0]), lu_solve(normal, pivots, np.eye(3)[2])
+    gain, moved = np.zeros(count), np.zeros(count)
+    for i in range(rows):
+        a, b = 0.0, 0.0
+        for k in range(3):
+            a += for_gain[k] * design[k, i] / scale[0]
+            b += for_moved[k] * design[k, i] / scale[2]
+        for j in range(count):
+            gain[j] += a * blocks[i, j]
+            moved[j] += b * blocks[i, j]
     usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * (rows / 4))
-    if np.count_nonzero(usable) < max(3, 0.3 * count):
+    used = np.count_nonzero(usable)
+    if used < max(3, 0.3 * count):
         return 0.0, 0.0
     shift = moved[usable] / gain[usable]
     position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
-    weight = np.ones_like(shift)
+    weight = np.ones(used)
     tilt = 0.0
     for _ in range(10):
         last = tilt
-        total = float(weight.sum())
-        centred = position - float(weight @ position) / total
+        total = weight.sum()
+        centred = position - np.sum(weight * position) / total
         weighted = weight * centred
-        tilt = float(weighted @ shift) / float(weighted @ centred)
-        rest = shift - float(weight @ shift) / total - tilt * centred
+        tilt = np.sum(weighted * shift) / np.sum(weighted * centred)
+        rest = shift - np.sum(weight * shift) / total - tilt * centred
         # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
-        weight = np.maximum(1 - (rest / reach) ** 2, 0) ** 2
+        reach = 4.685 * max(1.4826 * np.sort(np.abs(rest))[used // 2], 0.02)
+        weight = np.maximum(1 - (rest / reach) ** 2, 0.0) ** 2
         if abs(tilt - last) * BLOCK * count < 1e-3:
             break
-    return tilt, float(np.count_nonzero(weight > 0.2)) / count
-
-
-SETTLED = 0.02
-"""Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
-INNER = 0.5
-"""Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
-
-
-FAR = 6.0
-"""Distance in standard deviations from which on the blur is taken for 0."""
-
-
-@lru_cache(maxsize=16)
-def _quadrature(count: int) -> tuple[Array, Array]:
-    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, and weights for dw/R."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    gamma = nodes * (math.pi / 2)
-    return np.sin(gamma), weights * (math.pi / 2) * np.cos(gamma)
-
-
-@numba.njit(cache=True, nogil=True)
-def _body(across: Array, offset: float, radius: float, blur: float, sine: Array, share: Array) -> Array:
-    """Return the blurred body with the shades 1, sin γ and cos γ, and what its derivatives are made of.
-
-    Parameters
-    ----------
-    across : w, shape (n,) [px].
-    sine, share : see `_quadrature`.
-
-    Returns
-    -------
-    Shape (4, 3, n): the integral over γ of shade times G, z·G, z²·G, z·sin γ·G for each of the shades; G is the blur's
-    Gaussian of z = (w − offset − R sin γ)/blur.
-    """
-    integrals = np.zeros((4, 3, across.size))
-    height = radius / (blur * math.sqrt(2 * math.pi))
-    for i in range(across.size):
-        for j in range(sine.size):
-            z = (across[i] - offset - radius * sine[j]) / blur
-            if abs(z) > FAR:
-                continue
-            term = height * share[j] * math.exp(-0.5 * z * z)
-            for k in range(3):
-                shaded = term
-                if k == 1:
-                    shaded = term * sine[j]
-                elif k == 2:
-                    shaded = term * math.sqrt(1 - sine[j] * sine[j])
-                integrals[0, k, i] += shaded
-                integrals[1, k, i] += shaded * z
-                integrals[2, k, i] += shaded * z * z
-                integrals[3, k, i] += shaded * z * sine[j]
-    return integrals
-
-
-def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> tuple[float, float, float] | None:
-    """Fit the blurred, shaded body to a strip's profile; return offset, radius and blur [px], None without contrast.
-
-    Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
-    squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian (BIT 15, 1975).
-
-    Parameters
-    ----------
-    profile, spread : shape (2h + 1,), see `_middle_mean`.
-    start : offset, radius and blur to start from [px].
-    """
-    half = profile.size // 2
-    offset, radius, blur = start
-    across = np.arange(-half, half + 1, dtype=float)
-    outer = np.abs(across) > INNER * radius
-    across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(float(np.ptp(profile)), 1e-9))
-    # nodes closer than the narrowest usual blur
-    sine, share = _quadrature(16 * math.ceil(3 * radius / 16))
-    basis, columns = np.empty((5, across.size)), np.empty((4, across.size))
-    basis[0], basis[1], columns[0] = weight, across * weight, profile[outer] * weight
-
-    def residuals(at: Array) -> tuple[Array, Array, Array]:
-        """Return the residuals, shape (n,), their Jacobian, shape (3, n), and the linear coefficients, shape (5,)."""
-        offset, radius, blur = float(at[0]), float(at[1]), math.exp(at[2])
-        integrals = _body(across, offset, radius, blur, sine, share) * weight
-        basis[2:] = integrals[0]
-        normal = basis @ basis.T
-        scale = np.sqrt(np.diag(normal)) + 1e-300
-        inverse = np.linalg.inv(normal / np.outer(scale, scale) + 1e-10 * np.eye(5)) / np.outer(scale, scale)
-        coefficients = inverse @ (basis @ columns[0])
-        body, by_z, by_zz, by_sine = np.tensordot(coefficients[2:], integrals, (0, 1))
-        columns[1], columns[2], columns[3] = by_z / blur, by_sine / blur + body / radius, by_zz - body
-        projected = columns - (columns @ basis.T @ inverse) @ basis
-        return -projected[0], projected[1:], coefficients
-
-    low = np.array([-radius, 0.6 * radius, math.log(0.3)])
-    high = np.array([radius, min(1.4 * radius, half - 1.0), math.log(max(radius / 2, 1.0))])
-    at = np.minimum(np.maximum([offset, radius, math.log(blur)], low), high)
-    damping = 1e-3
-    rest, jacobian, coefficients = residuals(at)
-    for _ in range(20):
-        normal = jacobian @ jacobian.T
-        normal += np.diag(damping * np.diag(normal) + 1e-12)
-        trial = np.minimum(np.maximum(at - np.linalg.solve(normal, jacobian @ rest), low), high)
-        trial_rest, trial_jacobian, trial_coefficients = residuals(trial)
-        moved = float(np.abs(trial - at).max())
-        if trial_rest @ trial_rest < rest @ rest:
-            at, rest, jacobian, coefficients = trial, trial_rest, trial_jacobian, trial_coefficients
-            damping *= 0.1
-        else:
-            damping *= 10
-        if moved < SETTLED or damping > 1e3:
-            break
-    contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
-    if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
-        return None
-    return float(at[0]), float(at[1]), math.exp(at[2])
+    return tilt, np.sum(weight > 0.2) / count
