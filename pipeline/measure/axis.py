@@ -21,19 +21,20 @@ The strip is cut by linear interpolation. It blurs each edge symmetrically, whic
 """
 
 import math
+import threading
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import compiled
+from models.compiled import compiled, inner
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.profile import fit_profile, middle, quadrature
 from pipeline.records import Array
 
 Image = NDArray[np.float32]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 REDUCTION = 4
 """Step of the reduced frame that the yarn is looked for in [px]."""
@@ -41,6 +42,8 @@ BLOCK = 8
 """Length of yarn whose shift is found at once [px]."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
+MIN_PIXELS = 12
+"""Fewest pixels of the reduced frame that a line is fitted to."""
 MIN_ASPECT = 2.0
 """Length in view over diameter below which a thing has no axis."""
 ALIGNED = 1.0
@@ -51,6 +54,8 @@ CENTRED = 2.0
 rest."""
 ROUNDS = 6
 """Largest number of strips cut to align one."""
+NEAR = 4
+"""Distance from a strip within which interpolation uses pixels [px]: 2 for the bicubic one, and some."""
 SAME_DIAMETER = 0.05
 """Relative change of the diameter from one frame to the next up to which it is the same yarn."""
 SAME_AGREEMENT = 0.8
@@ -79,7 +84,7 @@ class YarnAxis:
     """Distance from half way between the profile's half heights to the axis, which light from one side causes [px]."""
 
 
-def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
+def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis | None:
     """Find the yarn in a frame, or None where there is none.
 
     Parameters
@@ -102,7 +107,9 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
     return None if line is None else _measure(image, line, 1.0, 0.0)
 
 
-def _measure(image: Image, line: tuple[float, float, float, float], blur: float, lean: float) -> YarnAxis | None:
+def _measure(
+    image: Image | Pixels, line: tuple[float, float, float, float], blur: float, lean: float
+) -> YarnAxis | None:
     """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
 
     `blur` and `lean` are where the fit starts, see `YarnAxis`.
@@ -110,11 +117,11 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float,
     x, y, angle, radius = line
     half = math.ceil(1.3 * radius + 6)
     for _ in range(ROUNDS):
-        span = _span(image.shape, x, y, angle, half)
-        if span is None or span[1] - span[0] < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
+        low, high = _span(image.shape[0], image.shape[1], x, y, angle, float(half))
+        if high - low < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
             return None
-        x, y = _along(x, y, angle, sum(span) / 2)
-        strip = straighten(image, (x, y), angle, half, math.floor(span[1] - span[0]))
+        x, y = _along(x, y, angle, (low + high) / 2)
+        strip = straighten(image, (x, y), angle, half, math.floor(high - low))
         blocks = _blocks(strip)
         profile, spread = _middle_mean(blocks)
         tilt, agreement = _shifts(blocks, profile)
@@ -142,7 +149,7 @@ def _measure(image: Image, line: tuple[float, float, float, float], blur: float,
     return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean)
 
 
-def straighten(image: Image, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
+def straighten(image: Image | Pixels, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
     """Resample a frame along an axis by linear interpolation at the frame's own pixel pitch.
 
     Parameters
@@ -164,107 +171,212 @@ def straighten(image: Image, centre: tuple[float, float], angle: float, half: in
     )
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = (length, 2 * half + 1)
-    return cv2.warpAffine(image, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportReturnType]
+    pixels = floats_around(image, centre, angle, half, length)
+    return cv2.warpAffine(pixels, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportReturnType]
+
+
+def floats_around(image: Image | Pixels, centre: tuple[float, float], angle: float, half: float, length: int) -> Image:
+    """Return a frame in single precision of which only the pixels in and near a strip have their value.
+
+    A yarn covers a tenth of a frame: converting the rest would take longer than cutting the strip. All pixels have
+    their value if the strip is not wholly inside the frame. The next call in the same thread overwrites them.
+
+    Parameters
+    ----------
+    image : shape (rows, columns); returned as it is if in single precision.
+    centre, angle, half, length : see `straighten`.
+    """
+    if image.dtype == np.float32:
+        return image  # pyright: ignore[reportReturnType]
+    kept: Image | None = getattr(_scratch, "floats", None)
+    if kept is None or kept.shape != image.shape:
+        kept = _scratch.floats = np.empty(image.shape, np.float32)
+    _set_band(image, centre[0], centre[1], angle, float(half + NEAR), length / 2 + NEAR, kept)
+    return kept
+
+
+_scratch = threading.local()
+"""Each thread's last `floats_around`: fresh memory for every strip would cost more than setting it."""
+
+
+@compiled
+def _set_band(
+    frame: Image | Pixels, x: float, y: float, angle: float, half: float, reach: float, floats: Image
+) -> None:
+    """Set `floats` to the frame's pixels within ±half across and ±reach along an axis."""
+    rows, columns = frame.shape
+    c, s = math.cos(angle), math.sin(angle)
+    wide, high = abs(reach * c) + abs(half * s) - 2 * NEAR, abs(reach * s) + abs(half * c) - 2 * NEAR
+    whole = x - wide < 0 or y - high < 0 or x + wide > columns - 1 or y + high > rows - 1
+    for i in range(rows):
+        low, top = 0.0, columns - 1.0
+        if not whole:
+            # the columns where |(x' − x) s + (y' − y) c| ≤ half and |(x' − x) c − (y' − y) s| ≤ reach
+            for slope, offset, limit in ((s, (i - y) * c, half), (c, (y - i) * s, reach)):
+                if abs(slope) > 1e-9:
+                    a, b = x + (-limit - offset) / slope, x + (limit - offset) / slope
+                    low, top = max(low, min(a, b)), min(top, max(a, b))
+                elif abs(offset) > limit:
+                    top = -1.0
+        first, past = math.floor(low), math.ceil(top) + 1
+        if first < past:
+            source, target = frame[i, first:past], floats[i, first:past]
+            for j in range(past - first):
+                target[j] = source[j]
 
 
 def _along(x: float, y: float, angle: float, distance: float) -> tuple[float, float]:
     return x + distance * math.cos(angle), y - distance * math.sin(angle)
 
 
-def _span(shape: tuple[int, ...], x: float, y: float, angle: float, half: float) -> tuple[float, float] | None:
-    """Return the positions along the axis between which a band of this half width lies inside the frame."""
+@compiled
+def _span(rows: int, columns: int, x: float, y: float, angle: float, half: float) -> tuple[float, float]:
+    """Return the positions along the axis between which a band of this half width lies inside the frame.
+
+    The first is not below the second where it lies inside nowhere.
+    """
     low, high = -math.inf, math.inf
+    c, s = math.cos(angle), math.sin(angle)
     for side in (-half, half):
-        for start, step, size in (
-            (x + side * math.sin(angle), math.cos(angle), shape[1] - 1),
-            (y + side * math.cos(angle), -math.sin(angle), shape[0] - 1),
-        ):
-            if abs(step) < 1e-9:
-                if not 0 <= start <= size:
-                    return None
-                continue
-            ends = sorted((-start / step, (size - start) / step))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    return (low, high) if low < high else None
+        for start, step, last in ((x + side * s, c, columns - 1.0), (y + side * c, -s, rows - 1.0)):
+            if abs(step) >= 1e-9:
+                first, second = -start / step, (last - start) / step
+                low, high = max(low, min(first, second)), min(high, max(first, second))
+            elif not 0 <= start <= last:
+                return 0.0, 0.0
+    return low, high
 
 
+@inner
 def _median(values: Array) -> float:
-    """Return the upper median of values, shape (n,): several times faster than numpy's on a few hundred values."""
+    """Return the upper median of values, shape (n,)."""
     middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
+    return np.partition(values, middle)[middle]
 
 
-@lru_cache(maxsize=4)
-def _surface_basis(rows: int, columns: int) -> Image:
-    """Return 1, u, v, u², uv, v² over a frame's pixels, shape (rows, columns, 6)."""
-    v, u = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1).astype(np.float32)
+@compiled
+def _reduced(frame: Image | Pixels) -> Image:
+    """Return the mean of each `REDUCTION` × `REDUCTION` pixels; what is left over at the far ends is left out."""
+    rows, columns = frame.shape[0] // REDUCTION, frame.shape[1] // REDUCTION
+    small = np.empty((rows, columns), np.float32)
+    sums = np.empty(columns * REDUCTION, np.float32)
+    for i in range(rows):
+        sums[:] = 0
+        for k in range(REDUCTION):
+            line = frame[i * REDUCTION + k]
+            for j in range(sums.size):
+                sums[j] += np.float32(line[j])
+        for j in range(columns):
+            total = np.float32(0)
+            for k in range(REDUCTION):
+                total += sums[j * REDUCTION + k]
+            small[i, j] = total / np.float32(REDUCTION * REDUCTION)
+    return small
 
 
-def _background(image: Image) -> Image:
-    """Fit a quadratic surface to most of the pixels, leaving out what deviates (iterated, 3 median deviations)."""
-    basis = _surface_basis(*image.shape)
-    coarse = basis[::4, ::4].reshape(-1, 6).astype(float)
-    values = image[::4, ::4].reshape(-1).astype(float)
-    rest, coefficients = values - _median(values), np.zeros(6)
+@compiled
+def _deviation(image: Image) -> Image:
+    """Return |image − background|: a quadratic in x and y, fitted to every fourth pixel both ways.
+
+    What deviates by more than 3 median deviations is left out, iterated.
+    """
+    rows, columns = image.shape
+    v, u = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
+    count = ((rows + 3) // 4) * ((columns + 3) // 4)
+    basis, values = np.ones((6, count)), np.empty(count)
+    at = 0
+    for i in range(0, rows, 4):
+        for j in range(0, columns, 4):
+            basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
+            at += 1
+    basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
+    rest, c = values - _median(values), np.zeros(6)
+    normal, right, pivots = np.empty((6, 6)), np.empty(6), np.empty(6, np.int64)
     for _ in range(4):
         keep = np.abs(rest) <= 3 * 1.4826 * _median(np.abs(rest)) + 1e-9
-        kept = coarse[keep]
-        coefficients = np.linalg.lstsq(kept.T @ kept, kept.T @ values[keep], rcond=None)[0]
-        rest = values - coarse @ coefficients
-    return basis @ coefficients.astype(np.float32)
+        for k in range(6):
+            kept = np.where(keep, basis[k], 0.0)
+            right[k] = np.sum(kept * values)
+            for m in range(k + 1):
+                normal[k, m] = normal[m, k] = np.sum(kept * basis[m])
+        lu_factor(normal, pivots)
+        c = lu_solve(normal, pivots, right)
+        rest[:] = values
+        for k in range(6):
+            rest -= c[k] * basis[k]
+    deviation = np.empty(image.shape, np.float32)
+    for i in range(rows):
+        level, slope = c[0] + (c[2] + c[5] * v[i]) * v[i], c[1] + c[4] * v[i]
+        for j in range(columns):
+            deviation[i, j] = abs(image[i, j] - (level + (slope + c[3] * u[j]) * u[j]))
+    return deviation
 
 
-def _find_line(image: Image) -> tuple[float, float, float, float] | None:
+def _find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
     """Return a point (x, y), the angle and the half width of the largest elongated thing, good to about a pixel."""
-    size = (image.shape[1] // REDUCTION, image.shape[0] // REDUCTION)
-    if min(size) < 4:
+    if min(image.shape) < 4 * REDUCTION:
         return None
-    small = cv2.resize(image[: size[1] * REDUCTION, : size[0] * REDUCTION], size, interpolation=cv2.INTER_AREA)
-    deviation = np.abs(small - _background(small))  # pyright: ignore[reportArgumentType]
+    small = _reduced(image)
+    deviation = _deviation(small)
     top = float(deviation.max())
     if top <= 0:
         return None
     _, mask = cv2.threshold((deviation * (255 / top)).astype(np.uint8), 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     for label in 1 + np.argsort(stats[1:, cv2.CC_STAT_AREA])[::-1][:3]:
-        found = _line_through(np.argwhere(labels == label)[:, ::-1].astype(float), small.shape)
-        if found is not None:
-            x, y, angle, half = found
+        rows, columns = np.nonzero(labels == label)
+        x, y, angle, half = _line_through(columns.astype(float), rows.astype(float), *small.shape)
+        if half:
             edge = (REDUCTION - 1) / 2
             return x * REDUCTION + edge, y * REDUCTION + edge, angle, half * REDUCTION
     return None
 
 
-def _line_through(points: Array, shape: tuple[int, ...]) -> tuple[float, float, float, float] | None:
-    """Fit a line to the full cross-sections of a band of pixels (x, y), shape (n, 2), rows top-down."""
-    if len(points) < 12:
-        return None
-    mean = points.mean(axis=0)
-    spread, directions = np.linalg.eigh(np.cov((points - mean).T))
-    if spread[1] < MIN_ASPECT**2 * spread[0]:
-        return None
-    angle = math.atan2(-directions[1, 1], directions[0, 1])
-    x, y = float(mean[0]), float(mean[1])
-    half = math.sqrt(3 * max(float(spread[0]), 1 / 12))
+@compiled
+def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float, float, float, float]:
+    """Fit a line to the full cross-sections of a band of pixels in a frame of `rows` and `columns`.
+
+    Parameters
+    ----------
+    xs, ys : the pixels, shape (n,), rows top-down.
+
+    Returns
+    -------
+    A point x, y, the angle and half the width; zeros where the pixels are no band.
+    """
+    none = (0.0, 0.0, 0.0, 0.0)
+    if xs.size < MIN_PIXELS:
+        return none
+    x, y = xs.mean(), ys.mean()
+    xx, yy = np.sum((xs - x) ** 2) / (xs.size - 1), np.sum((ys - y) ** 2) / (xs.size - 1)
+    xy = np.sum((xs - x) * (ys - y)) / (xs.size - 1)
+    # variances along and across the principal axis
+    middle, reach = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    if middle + reach < MIN_ASPECT**2 * (middle - reach):
+        return none
+    angle = -0.5 * math.atan2(2 * xy, xx - yy)
+    half = math.sqrt(3 * max(middle - reach, 1 / 12))
     for _ in range(4):
         c, s = math.cos(angle), math.sin(angle)
-        along = (points[:, 0] - x) * c - (points[:, 1] - y) * s
-        across = (points[:, 0] - x) * s + (points[:, 1] - y) * c
-        span = _span(shape, x, y, angle, half)
-        near = np.abs(across - np.median(across)) < 1.3 * half + 1
-        if span is not None:
-            near &= (along > span[0]) & (along < span[1])
-        if near.sum() < 12:
-            return None
+        along = (xs - x) * c - (ys - y) * s
+        across = (xs - x) * s + (ys - y) * c
+        low, high = _span(rows, columns, x, y, angle, half)
+        # the usual median, the mean of the middle two
+        ordered = np.sort(across)
+        centre = (ordered[(xs.size - 1) // 2] + ordered[xs.size // 2]) / 2
+        near = np.abs(across - centre) < 1.3 * half + 1
+        if low < high:
+            near &= (along > low) & (along < high)
         along, across = along[near], across[near]
-        length = float(np.ptp(along)) + 1
+        if along.size < MIN_PIXELS:
+            return none
+        length = along.max() - along.min() + 1
         centred = along - along.mean()
-        tilt = float(centred @ across) / float(centred @ centred)
-        half = max(0.5, len(along) / length / 2)
+        tilt = np.sum(centred * across) / np.sum(centred * centred)
+        half = max(0.5, along.size / length / 2)
         if length < MIN_ASPECT * 2 * half:
-            return None
-        shift = float(across.mean() - tilt * along.mean())
+            return none
+        shift = across.mean() - tilt * along.mean()
         x, y = x + shift * s, y + shift * c
         angle -= math.atan(tilt)
     return x, y, angle, half
@@ -332,7 +444,7 @@ def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
         tilt = np.sum(weighted * shift) / np.sum(weighted * centred)
         rest = shift - np.sum(weight * shift) / total - tilt * centred
         # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * np.sort(np.abs(rest))[used // 2], 0.02)
+        reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
         weight = np.maximum(1 - (rest / reach) ** 2, 0.0) ** 2
         if abs(tilt - last) * BLOCK * count < 1e-3:
             break

@@ -33,7 +33,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from models.compiled import compiled
-from pipeline.measure.axis import Image, YarnAxis
+from pipeline.measure.axis import Image, Pixels, YarnAxis, floats_around
 from pipeline.records import Array
 
 Indices = NDArray[np.intp]
@@ -74,7 +74,7 @@ class FrameTwist:
     """Why there is no twist; empty where there is."""
 
 
-def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
+def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     """Find the twist of the yarn on an axis of a frame, shape (rows, columns)."""
     if axis.diameter < MIN_DIAMETER:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
@@ -122,7 +122,7 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, coherence, contrast, reason)
 
 
-def unroll(image: Image, axis: YarnAxis) -> Image:
+def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     """Resample the face of the yarn on its unrolled surface by bicubic interpolation.
 
     Returns
@@ -133,7 +133,8 @@ def unroll(image: Image, axis: YarnAxis) -> Image:
     radius = axis.diameter / 2
     count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)
     x, y = _places(axis.centre[0], axis.centre[1], axis.angle, radius, count, axis.length)
-    texture = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    pixels = floats_around(image, axis.centre, axis.angle, radius, axis.length)
+    texture = cv2.remap(pixels, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     trend = _trend(axis.length)
     texture -= (texture @ trend) @ trend.T
     spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / axis.length)[:, None]

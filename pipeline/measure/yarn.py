@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import YarnAxis, find_axis, straighten
+from pipeline.measure.axis import Pixels, YarnAxis, find_axis, straighten
 from pipeline.measure.twist import FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
@@ -55,9 +55,6 @@ CHUNK = 16
 """Frames measured one after another by one thread."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
-
-
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,12 +230,11 @@ def _measure_chunk(frames: Sequence[Pixels | None], bits: int, shots: set[int]) 
         if frame is None:
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
-        image = frame.astype(np.float32)
-        axis = find_axis(image, axis)
+        axis = find_axis(frame, axis)
         if axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
             continue
-        twist = surface_twist(image, axis)
+        twist = surface_twist(frame, axis)
         flag = FrameFlag.TWIST_NOT_CREDIBLE if twist.reason else FrameFlag(0)
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
