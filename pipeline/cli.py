@@ -222,12 +222,12 @@ def measure(
         check_folder(overlay)
     axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
-        video = open_video(clip, fps=fps)
+        video = open_video(clip, fps=fps, hashed=False)
         origin: dict[str, object] = {"from": option}
         if scale_from_diameter_mm is None:
             scale = Scale(given * 1e-6)
         else:
-            seen = open_video(scale_image, fps=fps or 1.0) if scale_image else video
+            seen = open_video(scale_image, fps=fps or 1.0, hashed=False) if scale_image else video
             cylinder = cylinder_in(seen.frames, scale_image or clip)
             scale = cylinder.scale(given * 1e-3)
             origin |= {"diameter_px": cylinder.diameter, "u_percent": 100 * scale.relative_u, "remark": REMARK}
