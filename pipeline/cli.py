@@ -206,7 +206,6 @@ def measure(
 ) -> int:
     """Measure angle, twist and diameter in every frame of a clip."""
     from pipeline.ingest.video import open_video
-    from pipeline.measure.scale import REMARK, cylinder_in
     from pipeline.measure.yarn import measure_json, measure_yarn
     from pipeline.records import Scale
     from pipeline.report.overlay import check_folder, write_overlay
@@ -227,6 +226,8 @@ def measure(
         if scale_from_diameter_mm is None:
             scale = Scale(given * 1e-6)
         else:
+            from pipeline.measure.scale import REMARK, cylinder_in  # scipy's statistics: half of the start's time
+
             seen = open_video(scale_image, fps=fps or 1.0, hashed=False) if scale_image else video
             cylinder = cylinder_in(seen.frames, scale_image or clip)
             scale = cylinder.scale(given * 1e-3)

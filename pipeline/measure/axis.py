@@ -123,12 +123,10 @@ def _measure(
         x, y = _along(x, y, angle, (low + high) / 2)
         strip = straighten(image, (x, y), angle, half, math.floor(high - low))
         blocks = _blocks(strip)
-        profile, spread = _middle_mean(blocks)
-        tilt, agreement = _shifts(blocks, profile)
+        profile, spread, tilt, agreement, shift = _registered(blocks, np.sort(blocks, axis=1))
         if not agreement:
             return None
         angle -= math.atan(tilt)
-        shift = middle(profile)
         if abs(shift) <= CENTRED and abs(tilt) * strip.shape[1] <= ALIGNED:
             break
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
@@ -390,15 +388,31 @@ def _blocks(strip: Image) -> Image:
     return cv2.resize(whole, (count, strip.shape[0]), interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
 
 
-def _middle_mean(blocks: Image) -> tuple[Array, Array]:
-    """Return the mean of the middle half of each row's values, and their interquartile range, both shape (rows,)."""
-    ordered = np.sort(blocks, axis=1)
-    quarter = blocks.shape[1] // 4
-    middle = ordered[:, quarter : blocks.shape[1] - quarter]
-    return middle.mean(axis=1, dtype=np.float64), (middle[:, -1] - middle[:, 0]).astype(float)
-
-
 @compiled
+def _registered(blocks: Image, ordered: Image) -> tuple[Array, Array, float, float, float]:
+    """Return a strip's profile, its rows' spread, tilt and agreement, and how far the yarn is from the middle.
+
+    Profile and spread, shape (rows,), are the mean of the middle half of each row's values and their interquartile
+    range; for the rest see `_shifts` and `middle`.
+
+    Parameters
+    ----------
+    blocks : shape (rows, blocks).
+    ordered : the same with each row in ascending order.
+    """
+    rows, count = blocks.shape
+    quarter = count // 4
+    profile, spread = np.zeros(rows), np.empty(rows)
+    for i in range(rows):
+        for j in range(quarter, count - quarter):
+            profile[i] += ordered[i, j]
+        profile[i] /= count - 2 * quarter
+        spread[i] = ordered[i, count - quarter - 1] - ordered[i, quarter]
+    tilt, agreement = _shifts(blocks, profile)
+    return profile, spread, tilt, agreement, middle(profile) if agreement else 0.0
+
+
+@inner
 def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape

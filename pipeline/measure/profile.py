@@ -22,7 +22,7 @@ FAR = 6.0
 """Distance in standard deviations from which on the blur is taken for 0."""
 
 
-@compiled
+@inner
 def middle(profile: Array) -> float:
     """Return how far from the middle row the body is, half way between its outermost half heights [px].
 

@@ -32,7 +32,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from models.compiled import compiled
+from models.compiled import compiled, inner
 from pipeline.measure.axis import Image, Pixels, YarnAxis, floats_around
 from pipeline.records import Array
 
@@ -89,27 +89,11 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     farthest = min(GRID * round(FARTHEST * axis.diameter / GRID), GRID * (axis.length // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
-    ridges = _spline(_correlation(texture, lags, reach))
-
-    slopes = SIGNED_SLOPES
-    scores = _stack(ridges, slopes, lags)
-    best = int(np.argmax(scores))
-    slope = float(slopes[best])
-    if scores[best] <= 0 or abs(slope) in (0.0, SLOPES[0], SLOPES[-1]):
+    slope, contrast, coherence = _search(_correlation(texture, lags, reach), lags)
+    if not slope:
         return FrameTwist(math.nan, 0.0, 0.0, "no inclined fibres stand out")
-    elsewhere = (slopes * slope <= 0) | (np.abs(slopes) > 2 * abs(slope)) | (np.abs(slopes) < abs(slope) / 2)
-    contrast = 1 - max(0.0, float(scores[elsewhere].max(initial=0.0)) / float(scores[best]))
-
-    coherence = 0.0
-    for _ in range(2):
-        # only lags whose ridge stays well inside the view, so that no slope near by gains by leaving it
-        used = int(np.searchsorted(1.2 * abs(slope) * lags, reach - 1))
-        if used < 3:
-            return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
-        fine = slope * np.linspace(0.88, 1.12, 49)
-        fine_scores = _stack(ridges, fine, lags[:used])
-        slope = _top(fine, fine_scores)
-        coherence = float(fine_scores.max()) / used
+    if not coherence:
+        return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
     twist = slope / (2 * math.pi * radius)
     turns = axis.length * abs(twist)
     reason = ""
@@ -215,6 +199,39 @@ def _cross_spectra(spectra: NDArray[np.complex64], reach: int) -> tuple[Image, I
 
 
 @compiled
+def _search(correlation: Array, lags: Indices) -> tuple[float, float, float]:
+    """Return the slope tan β with the largest Q, its contrast and its coherence, see `FrameTwist`.
+
+    The slope is 0 where none has its maximum inside of the range searched, the coherence where fewer than three Δx
+    keep the ridge in view.
+
+    Parameters
+    ----------
+    correlation : C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags).
+    """
+    ridges, reach = _spline(correlation), correlation.shape[0] // 2
+    scores = _stack(ridges, SIGNED_SLOPES, lags)
+    best = np.argmax(scores)
+    slope, elsewhere = SIGNED_SLOPES[best], 0.0
+    if scores[best] <= 0 or abs(slope) <= SLOPES[0] or abs(slope) >= SLOPES[-1]:
+        return 0.0, 0.0, 0.0
+    for i in range(scores.size):
+        ratio = SIGNED_SLOPES[i] / slope
+        if ratio <= 0 or ratio > 2 or ratio < 0.5:
+            elsewhere = max(elsewhere, scores[i])
+    contrast, coherence = 1 - elsewhere / scores[best], 0.0
+    for _ in range(2):
+        # only lags whose ridge stays well inside the view, so that no slope near by gains by leaving it
+        used = np.searchsorted(1.2 * abs(slope) * lags, reach - 1)
+        if used < 3:
+            return slope, contrast, 0.0
+        fine = slope * np.linspace(0.88, 1.12, 49)
+        fine_scores = _stack(ridges, fine, lags[:used])
+        slope, coherence = _top(fine, fine_scores), fine_scores.max() / used
+    return slope, contrast, coherence
+
+
+@inner
 def _spline(values: Array) -> Array:
     """Return the coefficients of the cubic spline through each column's values, mirrored at its ends.
 
@@ -237,7 +254,7 @@ def _spline(values: Array) -> Array:
     return c
 
 
-@compiled
+@inner
 def _stack(ridges: Array, slopes: Array, lags: Indices) -> Array:
     """Return Q for slopes tan β: the sum over Δx of C on the lines Δγ = tan β·Δx/R, by cubic splines in Δγ.
 
@@ -273,10 +290,13 @@ PARABOLA = np.linalg.pinv(np.vander(np.arange(-5.0, 6.0), 3))
 """Coefficients of the least-squares parabola through eleven evenly spaced samples."""
 
 
+@inner
 def _top(x: Array, y: Array) -> float:
     """Return the place of the maximum of evenly spaced samples, refined by a parabola through eleven of them."""
-    best = int(np.clip(np.argmax(y), 5, x.size - 6))
-    near = slice(best - 5, best + 6)
+    best = min(max(np.argmax(y), 5), x.size - 6)
+    a, b = 0.0, 0.0
+    for i in range(11):
+        a += PARABOLA[0, i] * y[best - 5 + i]
+        b += PARABOLA[1, i] * y[best - 5 + i]
     step = x[1] - x[0]
-    a, b, _ = PARABOLA @ y[near]
-    return float(x[best] + step * np.clip(-b / (2 * a), -5, 5)) if a < 0 else float(x[best])
+    return x[best] + step * min(max(-b / (2 * a), -5.0), 5.0) if a < 0 else x[best]
