@@ -22,7 +22,7 @@ The strip is cut by linear interpolation. It blurs each edge symmetrically, whic
 
 import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -90,8 +90,8 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
     Parameters
     ----------
     image : the frame, shape (rows, columns), rows top-down.
-    before : the yarn in the frame before. It only saves time: the yarn is looked for in the whole frame where it is not
-        near that place, not as wide, turned or disturbed.
+    before : the yarn in the frame before, or as it is `expected`. It only saves time: the yarn is looked for in the
+        whole frame where it is not near that place, not as wide, turned or disturbed.
     """
     if before is not None:
         line = *before.centre, before.angle, before.diameter / 2
@@ -105,6 +105,17 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
             return axis
     line = _find_line(image)
     return None if line is None else _measure(image, line, 1.0, 0.0)
+
+
+def expected(last: YarnAxis, before: YarnAxis) -> YarnAxis:
+    """Return where the yarn is next if it moves on and turns on as from the frame before to the last one.
+
+    A yarn that swings then mostly needs one strip a frame instead of two: that it turned by more than `ALIGNED` over
+    its length from one frame to the next no longer counts, only how much faster or slower.
+    """
+    x, y = (2 * now - then for now, then in zip(last.centre, before.centre, strict=True))
+    turned = math.remainder(last.angle - before.angle, math.pi)
+    return replace(last, centre=(x, y), angle=last.angle + turned)
 
 
 def _measure(

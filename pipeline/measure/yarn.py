@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import Pixels, YarnAxis, find_axis, straighten
+from pipeline.measure.axis import Pixels, YarnAxis, expected, find_axis, straighten
 from pipeline.measure.twist import FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
@@ -225,12 +225,12 @@ def _read(frames: Frames, index: int) -> Pixels | None:
 
 def _measure_chunk(frames: Sequence[Pixels | None], bits: int, shots: set[int]) -> list[_Frame]:
     """Measure successive frames; `shots` are the places of those that go on the contact sheet."""
-    found, axis = [], None
+    found, axis, before = [], None, None
     for i, frame in enumerate(frames):
         if frame is None:
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
-        axis = find_axis(frame, axis)
+        axis, before = find_axis(frame, axis if axis is None or before is None else expected(axis, before)), axis
         if axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
             continue
