@@ -215,7 +215,6 @@ def measure(
 ) -> int:
     """Measure angle, twist and diameter in every frame of a clip."""
     from pipeline.ingest.video import open_video
-    from pipeline.measure.scale import REMARK, cylinder_in
     from pipeline.measure.yarn import METHODS, measure_json, measure_yarn
     from pipeline.records import Scale
     from pipeline.report.overlay import check_folder, write_overlay
@@ -241,13 +240,15 @@ def measure(
         check_folder(overlay)
     axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
-        video = open_video(clip, fps=fps)
+        video = open_video(clip, fps=fps, hashed=False)
         origin: dict[str, object] = {"from": option}
         if scale_from_diameter_mm is None:
             scale = Scale(given * 1e-6, math.nan if scale_u_um_per_px is None else scale_u_um_per_px / given)
             origin |= {} if scale_u_um_per_px is None else {"u_percent": 100 * scale.relative_u}
         else:
-            seen = open_video(scale_image, fps=fps or 1.0) if scale_image else video
+            from pipeline.measure.scale import REMARK, cylinder_in  # scipy's statistics: half of the start's time
+
+            seen = open_video(scale_image, fps=fps or 1.0, hashed=False) if scale_image else video
             cylinder = cylinder_in(seen.frames, scale_image or clip)
             scale = cylinder.scale(given * 1e-3)
             origin |= {"diameter_px": cylinder.diameter, "u_percent": 100 * scale.relative_u, "remark": REMARK}

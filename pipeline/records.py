@@ -80,6 +80,7 @@ class Source:
 
     name: str
     sha256: str
+    """Empty where it was not asked for."""
     size: int
 
 

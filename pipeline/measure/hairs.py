@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import median_filter
 
-from pipeline.measure.axis import Image, YarnAxis
+from pipeline.measure.axis import Image, Pixels, YarnAxis
 
 BEYOND = 0.5
 WIDEST = 0.7
@@ -21,7 +21,7 @@ FAINTEST = 0.05
 """Least contrast of a hair over that of the yarn: fainter ones are clouds."""
 
 
-def hairiness(image: Image, axis: YarnAxis) -> float:
+def hairiness(image: Image | Pixels, axis: YarnAxis) -> float:
     """Return crossings per length of yarn [1/px]; NaN where the lines leave the frame.
 
     Parameters

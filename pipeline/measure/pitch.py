@@ -21,7 +21,7 @@ import math
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pipeline.measure.axis import Image, YarnAxis, straighten
+from pipeline.measure.axis import Image, Pixels, YarnAxis, straighten
 from pipeline.measure.twist import FrameTwist
 from pipeline.records import Array
 
@@ -40,7 +40,7 @@ DRIFT = (0.2, 3.0)
 """Range of the phase's drift, over that of crests on the cylinder."""
 
 
-def ply_twist(image: Image, axis: YarnAxis, plies: int) -> FrameTwist:
+def ply_twist(image: Image | Pixels, axis: YarnAxis, plies: int) -> FrameTwist:
     """Find the ply twist of the yarn on an axis of a frame, shape (rows, columns), that has this many strands."""
     if axis.diameter < MIN_DIAMETER:
         return _none(f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed")

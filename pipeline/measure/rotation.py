@@ -24,7 +24,7 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
-from pipeline.measure.axis import Image, YarnAxis
+from pipeline.measure.axis import Image, Pixels, YarnAxis
 from pipeline.measure.twist import unroll
 from pipeline.records import Array
 
@@ -37,7 +37,7 @@ APART = 0.35
 """Distance from the ridge from which on other maxima are others [rad]."""
 
 
-def helix_turn(first: Image, second: Image, axes: tuple[YarnAxis, YarnAxis], twist: float) -> float:
+def helix_turn(first: Image | Pixels, second: Image | Pixels, axes: tuple[YarnAxis, YarnAxis], twist: float) -> float:
     """Return δ between two frames [rad]; NaN where it is not resolved.
 
     Parameters

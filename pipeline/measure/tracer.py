@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from pipeline.measure.axis import Image, YarnAxis
+from pipeline.measure.axis import Image, Pixels, YarnAxis
 from pipeline.measure.twist import FrameTwist, unroll
 from pipeline.records import Array
 
@@ -38,7 +38,7 @@ PIECE = 1.0
 """Length of a piece of the line [radii]."""
 
 
-def tracer_twist(image: Image, axis: YarnAxis) -> FrameTwist:
+def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     """Find the twist of the yarn on an axis of a frame, shape (rows, columns), by its tracer fibre."""
     if axis.diameter < MIN_DIAMETER:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"

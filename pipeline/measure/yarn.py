@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import MAX_MISFIT, Image, YarnAxis, find_axis, straighten
+from pipeline.measure.axis import MAX_MISFIT, Pixels, YarnAxis, expected, find_axis, straighten
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.rotation import helix_turn
@@ -71,9 +71,6 @@ CHUNK = 16
 """Frames measured one after another by one thread."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
-
-
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,7 +297,7 @@ def _looked_at(n: int) -> NDArray[np.bool_]:
     return chosen & (np.arange(n) % CHUNK < CHUNK - 1) & (np.arange(n) < n - 1)
 
 
-def _twist(image: Image, axis: YarnAxis, method: str, plies: int) -> FrameTwist:
+def _twist(image: Pixels, axis: YarnAxis, method: str, plies: int) -> FrameTwist:
     if method == "ply":
         return ply_twist(image, axis, plies)
     return tracer_twist(image, axis) if method == "tracer" else surface_twist(image, axis)
@@ -336,19 +333,18 @@ def _measure_chunk(
     pairs : whether the turn until the next frame is looked at, shape (frames,).
     """
     found: list[_Frame] = []
-    axis, before = None, None
+    axis, before, seen = None, None, None
     for i, frame in enumerate(frames):
-        last, before = before, None
+        last, seen = seen, None
         if frame is None:
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
-        image = frame.astype(np.float32)
-        axis = find_axis(image, axis)
+        axis, before = find_axis(frame, axis if axis is None or before is None else expected(axis, before)), axis
         if axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
             continue
         doubt = _doubt(axis)
-        twist = _twist(image, axis, method, plies)
+        twist = _twist(frame, axis, method, plies)
         if doubt and method == "surface" and not twist.reason:  # its surface is unrolled by the diameter
             twist = replace(twist, per_pixel=math.nan, reason=doubt)
         flag = FrameFlag.TWIST_NOT_CREDIBLE if twist.reason else FrameFlag(0)
@@ -357,11 +353,11 @@ def _measure_chunk(
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
         if last is not None and pairs[i - 1] and not doubt:
-            turn = helix_turn(last[0], image, (last[1], axis), last[2])
+            turn = helix_turn(last[0], frame, (last[1], axis), last[2])
             found[-1] = replace(found[-1], turn=turn)
         if math.isfinite(twist.per_pixel) and not doubt:
-            before = image, axis, twist.per_pixel
-        crossings = hairiness(image, axis)
+            seen = frame, axis, twist.per_pixel
+        crossings = hairiness(frame, axis)
         found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=_reduced(frame) if i in shots else None))
     return found
 
