@@ -5,10 +5,11 @@ empty ones. Each format is read in a process of its own, so a crash or a hang is
 Outcomes: `read` every frame could be read, `flagged` some frames could not, `refused` the clip was refused with an
 InputError, `other` any other exception. The clips are synthetic.
 
-    python benchmarks/fuzz_readers.py [--mutations 10000] [--seed 0]
+    python benchmarks/fuzz_readers.py [--mutations 10000] [--seed 0] [--table FILE.csv]
 """
 
 import argparse
+import csv
 import multiprocessing
 import queue
 import resource
@@ -147,21 +148,29 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mutations", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--table", type=Path)
     chosen = parser.parse_args()
     share, rest = divmod(chosen.mutations, len(CASES))
     names = ("read", "flagged", "refused", "other", "crash", "hang")
     print(f"{'clip':28}" + "".join(f"{name:>9}" for name in names) + f"{'slowest s':>11}{'growth MB':>11}")
     total: Counter[str] = Counter()
     slowest, growth = 0.0, 0
+    table: list[list[object]] = [["clip", "damaged_file", *names, "slowest_s", "growth_MB"]]
     for i, (kind, target) in enumerate(CASES):
         got = tally(kind, target, share + (i < rest), chosen.seed)
         counts = "".join(f"{got.outcomes[name]:9}" for name in names)
         print(f"{f'{kind} {target}':28}{counts}{got.slowest:11.3f}{got.growth / 1e6:11.1f}", flush=True)
+        table.append([kind, target or "the clip", *(got.outcomes[n] for n in names), f"{got.slowest:.3f}"])
+        table[-1].append(f"{got.growth / 1e6:.1f}")
         if got.example:
             print(f"    {got.example}")
         total += got.outcomes
         slowest, growth = max(slowest, got.slowest), max(growth, got.growth)
     print(f"{'all':28}{''.join(f'{total[name]:9}' for name in names)}{slowest:11.3f}{growth / 1e6:11.1f}")
+    if chosen.table:
+        table.append(["all", "", *(total[n] for n in names), f"{slowest:.3f}", f"{growth / 1e6:.1f}"])
+        with chosen.table.open("w", newline="") as file:
+            csv.writer(file).writerows(table)
     sys.exit(1 if total["other"] + total["crash"] + total["hang"] else 0)
 
 

@@ -1,17 +1,25 @@
 """How many frames a second are measured, and with how much memory, from the frames in memory and from files?
 
-    python benchmarks/measure_speed.py [FOLDER]      (default: reports)
+    python benchmarks/measure_speed.py [FOLDER]      (default: reports; 3 minutes on a quiet machine)
 
-writes measure_speed.csv, measure_memory.csv and measure_speed.svg. Synthetic frames of 800 × 600 pixels, 12 bits, of a
-yarn that swings by 1.5°, are repeated without being copied. Reading and measuring are timed together, on two threads
-and on one; beside them, in the same run, on the same frames and one thread, a straightforward pipeline of scikit-image
-(Otsu's threshold, region properties, structure tensor; development dependency): no unrolling, no uncertainty. Each time
-is the best of ROUNDS. The peak of memory is that of a fresh process.
+writes measure_speed.csv, measure_readers.csv, measure_steps.csv, measure_memory.csv and measure_speed.svg. Synthetic
+frames of 800 × 600 pixels, 12 bits, of a yarn that swings by 1.5°, are repeated without being copied.
+
+- Speed: reading and measuring together, on two threads and on one; beside them, in the same run, on the same frames and
+  one thread, a straightforward pipeline of scikit-image (Otsu's threshold, region properties, structure tensor;
+  development dependency): no unrolling, no uncertainty. The wall time is the best of ROUNDS; the processor time beside
+  it is that of the same round, and says more on a machine that others use too.
+- Readers: bytes of frames a second, beside a plain copy out of a memory map and the SHA-256 that a report stores.
+- Steps: processor time per frame, one thread, from a .cine file.
+- Memory, and the whole command: `yarnval measure CLIP.cine --json` as a fresh process, on .cine files of 1 000, 10 000
+  and 100 000 frames whose tables name the same 32 stored images over and over; start, file and JSON included.
 """
 
 import csv
+import hashlib
 import math
-import resource
+import os
+import struct
 import subprocess
 import sys
 import tempfile
@@ -29,8 +37,13 @@ import tifffile
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+from video_files import cine_bytes, write_mraw
+
 import pipeline.measure.axis as axis_steps
 import pipeline.measure.twist as twist_steps
+import pipeline.measure.yarn as yarn_steps
+from pipeline.ingest.cine import FILE_HEADER
 from pipeline.ingest.video import open_video
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import RawVideo, Scale, Source
@@ -39,9 +52,12 @@ from pipeline.synthetic import Material, render_frame, write_video
 SHAPE = (600, 800)
 DIAMETER, TWIST = 40.0, 0.004
 RENDERED = 32
-COUNTS = {"in memory": 512, "TIFF": 512, "FFV1": 64, "scikit-image": 16}
+COUNT = 512
+COUNTS = {"FFV1": 64, "scikit-image": 16}
+"""Frames timed where it is not `COUNT`: these are slow."""
 ROUNDS = 3
-MEMORY = (1000, 10000)
+CLIPS = (1000, 10_000, 100_000)
+THREADS = (2, 1)
 
 Pixels = NDArray[np.uint16]
 
@@ -107,41 +123,43 @@ def structure_tensor(images: list[Pixels], count: int) -> None:
         _ = 0.5 * math.atan2(2 * rc, rr - cc) - region.orientation, region.axis_minor_length
 
 
-def best(work: Callable[[], None], count: int) -> float:
-    """Frames per second, the best of `ROUNDS`."""
-    seconds = []
+def best(work: Callable[[], object], count: int) -> tuple[float, float]:
+    """Frames per second and processor time per frame [ms] of the fastest of `ROUNDS`."""
+    rounds = []
     for _ in range(ROUNDS):
-        begin = time.perf_counter()
+        wall, processor = time.perf_counter(), time.process_time()
         work()
-        seconds.append(time.perf_counter() - begin)
-    return count / min(seconds)
+        rounds.append((time.perf_counter() - wall, time.process_time() - processor))
+    wall, processor = min(rounds)
+    return count / wall, 1e3 * processor / count
 
 
 STEPS = (
-    (axis_steps, "_find_line", "search"),
+    (yarn_steps, "_read", "read"),
+    (axis_steps, "_find_line", "search the frame"),
     (axis_steps, "straighten", "cut the strip"),
     (axis_steps, "_blocks", "block means"),
-    (axis_steps, "_middle_mean", "profile"),
-    (axis_steps, "_shifts", "tilt"),
-    (axis_steps, "_fit_profile", "diameter"),
+    (axis_steps, "_registered", "profile, tilt"),
+    (axis_steps, "fit_profile", "diameter"),
     (twist_steps, "unroll", "unroll"),
     (twist_steps, "_correlation", "correlation"),
-    (twist_steps, "_stack", "sum along lines"),
+    (twist_steps, "_search", "sums along lines"),
+    (yarn_steps, "_saturated", "saturation"),
 )
 
 
 @contextmanager
 def stopwatch(seconds: dict[str, float]):
-    """Add up the time that one thread spends in each of `STEPS`."""
+    """Add up the processor time that is spent in each of `STEPS`."""
     kept = [getattr(module, name) for module, name, _ in STEPS]
 
     def timed(step: Callable[..., object], label: str) -> Callable[..., object]:
         def run(*arguments: object) -> object:
-            begin = time.perf_counter()
+            begin = time.thread_time()
             try:
                 return step(*arguments)
             finally:
-                seconds[label] = seconds.get(label, 0.0) + time.perf_counter() - begin
+                seconds[label] = seconds.get(label, 0.0) + time.thread_time() - begin
 
         return run
 
@@ -154,83 +172,152 @@ def stopwatch(seconds: dict[str, float]):
             setattr(module, name, step)
 
 
-def profile(images: list[Pixels], count: int) -> dict[str, float]:
-    """Milliseconds per frame by step, on one thread from memory."""
-    seconds: dict[str, float] = {}
+def profile(video: RawVideo) -> dict[str, float]:
+    """Milliseconds of processor time per frame by step, on one thread."""
+    seconds: dict[str, float] = {label: 0.0 for *_, label in STEPS}
     with stopwatch(seconds):
-        begin = time.perf_counter()
-        measure(in_memory(images, count), 1)
-        whole = time.perf_counter() - begin
+        begin = time.process_time()
+        measure(video, 1)
+        whole = time.process_time() - begin
     seconds["all else"] = whole - sum(seconds.values())
-    return {label: 1e3 * value / count for label, value in seconds.items()}
+    return {label: 1e3 * value / len(video.frames) for label, value in seconds.items()}
 
 
-def peak_memory(images: list[Pixels], count: int) -> float:
-    """Peak resident memory [MB] of a process that measures `count` frames, and holds the few that they repeat."""
-    with tempfile.TemporaryDirectory() as scratch:
-        stored = Path(scratch) / "frames.npy"
-        np.save(stored, np.array(images))
-        command = [sys.executable, __file__, "--peak", str(stored), str(count)]
-        return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+def readers(clips: dict[str, RawVideo], plain: Path) -> list[tuple[str, float, float]]:
+    """Frames a second and MB a second of reading alone, of a plain copy and of a SHA-256, each on one thread."""
+    size = SHAPE[0] * SHAPE[1] * 2
+    rows = []
+    for name, video in clips.items():
+        count = len(video.frames)
+        rate, _ = best(lambda video=video, count=count: [video.frames.frame(i) for i in range(count)] and None, count)
+        rows.append((name, rate, rate * size / 1e6))
+    mapped = np.memmap(plain, np.uint8, "r")
+    count, into = len(mapped) // size, np.empty(size, np.uint8)
+
+    def copy() -> None:
+        for i in range(count):
+            into[:] = mapped[i * size : (i + 1) * size]
+
+    for name, work in (("memory-mapped copy", copy), ("SHA-256", lambda: hashlib.sha256(mapped).digest())):
+        rate, _ = best(work, count)
+        rows.append((name, rate, rate * size / 1e6))
+    return rows
+
+
+def write_cine(path: Path, images: list[Pixels], count: int, packing: str = "") -> None:
+    """A .cine file of 16-bit or packed pixels with `count` frames, whose table names the stored images to and fro."""
+    data = bytearray(cine_bytes(np.array(images), 12, [], packing))
+    fields = FILE_HEADER.unpack_from(data)
+    offsets = np.frombuffer(data, "<u8", len(images), fields[10])
+    table = Repeated(list(offsets), count)
+    FILE_HEADER.pack_into(data, 0, *fields[:5], count, fields[6], count, *fields[8:10], len(data), fields[11])
+    path.write_bytes(data + struct.pack(f"<{count}Q", *(int(table.frame(i)) for i in range(count))))
+
+
+def whole_command(clip: Path, count: int) -> tuple[float, float, float]:
+    """Wall time [s], processor time [s] and peak resident memory [MB] of `yarnval measure` as a process of its own."""
+    call = "from pipeline.cli import main; main()"
+    options = ["--scale-um-per-px", "4", "--fps", "1200", "--axis-deg", "90", "--json"]
+    with (clip.with_suffix(".json")).open("w") as out:
+        begin = time.perf_counter()
+        process = subprocess.Popen([sys.executable, "-c", call, "measure", str(clip), *options], stdout=out)
+        _, status, used = os.wait4(process.pid, 0)
+        wall = time.perf_counter() - begin
+    if status:
+        raise RuntimeError(f"yarnval measure ended with {status} on {count} frames")
+    return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
 def main(folder: Path) -> None:
     images = render()
     measure(in_memory(images, RENDERED), 2)  # warm: compiled steps, tables
-    rows: list[tuple[str, int, float]] = []
-    with tempfile.TemporaryDirectory() as scratch:
-        tiff, ffv1 = Path(scratch) / "clip.tif", Path(scratch) / "clip.mkv"
-        count = COUNTS["TIFF"]
-        frames = Repeated(images, count)
-        with tifffile.TiffWriter(tiff) as writer:
-            for i in range(count):
+    rows: list[tuple[str, int, float, float]] = []
+    with tempfile.TemporaryDirectory() as where:
+        scratch = Path(where)
+        frames = Repeated(images, COUNT)
+        write_cine(scratch / "clip.cine", images, COUNT)
+        write_cine(scratch / "packed.cine", images, COUNT, "P12L")
+        with tifffile.TiffWriter(scratch / "clip.tif") as writer:
+            for i in range(COUNT):
                 writer.write(frames.frame(i), photometric="minisblack", contiguous=False, metadata=None)
-        write_video(ffv1, (frames.frame(i) for i in range(COUNTS["FFV1"])), 25)
-        for threads in (2, 1):
-            for name, video in (
-                ("in memory", in_memory(images, COUNTS["in memory"])),
-                ("TIFF", open_video(tiff, fps=1200, bits=12)),
-                ("FFV1", open_video(ffv1, fps=1200, bits=12)),
-            ):
-                rate = best(lambda video=video, threads=threads: measure(video, threads), COUNTS[name])
-                rows.append((name, threads, rate))
-        for name, path in (("TIFF", tiff), ("FFV1", ffv1)):
-            video = open_video(path, fps=1200, bits=12)
-            read = best(
-                lambda video=video: [video.frames.frame(i) for i in range(len(video.frames))] and None, COUNTS[name]
-            )
-            rows.append((f"{name}, read only", 1, read))
-    with threadpool_limits(1):
-        peer = best(lambda: structure_tensor(images, COUNTS["scikit-image"]), COUNTS["scikit-image"])
-    rows.append(("scikit-image", 1, peer))
-    steps = profile(images, COUNTS["in memory"])
-    memory = [(count, peak_memory(images, count)) for count in MEMORY]
+        write_mraw(scratch / "clip.mraw", np.array([frames.frame(i) for i in range(COUNT)]), 16, 12)
+        write_video(scratch / "clip.mkv", (frames.frame(i) for i in range(COUNTS["FFV1"])), 25)
+        files = {
+            ".cine": "clip.cine",
+            ".cine P12L": "packed.cine",
+            ".mraw": "clip.mraw",
+            "TIFF": "clip.tif",
+            "FFV1": "clip.mkv",
+        }
+        clips = {name: open_video(scratch / file, fps=1200, bits=12, hashed=False) for name, file in files.items()}
+        for video in clips.values():
+            measure(video, 2)  # warm, also the disk's cache
+        for threads in THREADS:
+            for name, video in {"in memory": in_memory(images, COUNT), **clips}.items():
+                rate, ms = best(lambda video=video, threads=threads: measure(video, threads), len(video.frames))
+                rows.append((name, threads, rate, ms))
+        with threadpool_limits(1):
+            count = COUNTS["scikit-image"]
+            rows.append(("scikit-image", 1, *best(lambda: structure_tensor(images, count), count)))
+        reading = readers(clips, scratch / "clip.mraw")
+        steps = profile(clips[".cine"])
+        memory = []
+        for count in CLIPS:
+            write_cine(scratch / "long.cine", images, count)
+            memory.append((count, *whole_command(scratch / "long.cine", count)))
 
+    peer = rows[-1][2]
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "measure_speed.csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["frames", "threads", "frames_per_second", "times_scikit_image"])
-        table.writerows([name, threads, f"{rate:.0f}", f"{rate / peer:.1f}"] for name, threads, rate in rows)
-    with (folder / "measure_memory.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([["frames", "peak_MB"], *([count, f"{peak:.0f}"] for count, peak in memory)])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.5), layout="constrained")
-    left.barh([f"{name} ({threads})" for name, threads, _ in rows][::-1], [rate for *_, rate in rows][::-1])
+    write_table(
+        folder / "measure_speed.csv",
+        ["frames", "threads", "frames_per_second", "processor_ms_per_frame", "times_scikit_image"],
+        [(name, threads, f"{rate:.0f}", f"{ms:.2f}", f"{rate / peer:.1f}") for name, threads, rate, ms in rows],
+    )
+    write_table(
+        folder / "measure_readers.csv",
+        ["reading", "frames_per_second", "MB_per_second"],
+        [(name, f"{rate:.0f}", f"{megabytes:.0f}") for name, rate, megabytes in reading],
+    )
+    write_table(
+        folder / "measure_steps.csv",
+        ["step", "processor_ms_per_frame"],
+        [(label, f"{value:.3f}") for label, value in steps.items()],
+    )
+    write_table(
+        folder / "measure_memory.csv",
+        ["frames", "wall_s", "processor_s", "frames_per_second", "peak_MB"],
+        [
+            (count, f"{wall:.1f}", f"{used:.1f}", f"{count / wall:.0f}", f"{peak:.0f}")
+            for count, wall, used, peak in memory
+        ],
+    )
+    draw(folder / "measure_speed.svg", rows, steps, memory)
+
+
+def write_table(path: Path, header: list[str], rows: list[tuple[object, ...]]) -> None:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([header, *rows])
+    print(path.read_text())
+
+
+def draw(
+    path: Path,
+    rows: list[tuple[str, int, float, float]],
+    steps: dict[str, float],
+    memory: list[tuple[int, float, float, float]],
+) -> None:
+    """Draw speed, the profile and the peak of memory."""
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained", width_ratios=(3, 3, 2))
+    left.barh([f"{name} ({threads})" for name, threads, *_ in rows][::-1], [rate for _, _, rate, _ in rows][::-1])
     left.axvline(1200, color="0.5", linewidth=0.8)
-    left.set(xlabel="frames per second, log (threads); line: the camera", xscale="log")
-    right.barh(list(steps)[::-1], list(steps.values())[::-1])
-    right.set(xlabel="ms per frame, one thread")
-    figure.savefig(folder / "measure_speed.svg", metadata={"Date": None})
-    for name, threads, rate in rows:
-        print(f"{name:18} {threads} threads {rate:8.0f} frames/s {rate / peer:6.1f} × scikit-image")
-    for label, value in steps.items():
-        print(f"{label:18} {value:.3f} ms")
-    for count, peak in memory:
-        print(f"{count:6} frames: peak {peak:.0f} MB")
+    left.set(xlabel="frames per second (threads); line: the camera", xscale="log")
+    middle.barh(list(steps)[::-1], list(steps.values())[::-1])
+    middle.set(xlabel="processor time per frame from .cine [ms]")
+    right.plot([count for count, *_ in memory], [peak for *_, peak in memory], "o-")
+    right.axhline(600, color="0.5", linewidth=0.8)
+    right.set(xlabel="frames in the clip", ylabel="peak memory [MB]", xscale="log", ylim=(0, 700))
+    figure.savefig(path, metadata={"Date": None})
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--peak"]:
-        measure(in_memory(list(np.load(sys.argv[2])), int(sys.argv[3])), 2)
-        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
-    else:
-        main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("reports"))
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("reports"))

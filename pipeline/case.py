@@ -32,12 +32,18 @@ class RawFiles:
     tension: tuple[TensionFile, ...]
     video: tuple[Path, ...]
     scale: Scale | None
+    """None where the cylinder's edges are to give it."""
+    cylinder_diameter: float | None
+    """[m], where the scale is to be taken from it."""
+    scale_image: Path | None
+    """Image or clip to take it from, if not the first video."""
     fps: float | None
     bits: int | None
     """Significant bits of a pixel, where the files do not state them."""
     cylinder_axis: float | None
     """e_z as displayed [rad], counter-clockwise from the image's +x axis."""
     method: str
+    plies: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,32 +193,37 @@ def _raw_files(keys: RawKeys, file: Path) -> RawFiles:
     scale = None
     if keys.video:
         where = f"{file}: [raw]"
-        if keys.scale_um_per_px is None:
-            raise InputError(
-                where, "a video without 'scale_um_per_px'", "give the object scale: no scale, no mm and no tpm"
-            )
-        if keys.axis_deg is None:
-            raise InputError(
-                where, "a video without 'axis_deg'", "give the direction of the cylinder axis as displayed"
-            )
-        given = keys.scale_um_per_px
-        if given.value <= 0:
-            raise InputError(f"{where} scale_um_per_px", f"{given.value:g}", "give µm per pixel, greater than 0")
-        scale = Scale(given.value * 1e-6, given.standard_uncertainty / given.value)
+        if keys.scale_um_per_px is None and keys.scale_from_diameter_mm is None:
+            right = "give the object scale, or scale_from_diameter_mm: no scale, no mm and no tpm"
+            raise InputError(where, "a video without 'scale_um_per_px'", right)
+        # in another image the camera may have been turned
+        if keys.axis_deg is None and (keys.scale_from_diameter_mm is None or keys.scale_image is not None):
+            right = "give the direction of the cylinder axis as displayed"
+            raise InputError(where, "a video without 'axis_deg'", right)
+        if keys.scale_um_per_px is not None:
+            given = keys.scale_um_per_px
+            if given.value <= 0:
+                raise InputError(f"{where} scale_um_per_px", f"{given.value:g}", "give µm per pixel, greater than 0")
+            scale = Scale(given.value * 1e-6, given.standard_uncertainty / given.value)
     elif not keys.tension:
         raise InputError(f"{file}: [raw]", "neither 'tension' nor 'video'", "name at least one raw file")
     tension = [TensionKeys(file=t) if isinstance(t, str) else t for t in keys.tension]
-    for name in [*(t.file for t in tension), *keys.video]:
+    images = [keys.scale_image] if keys.scale_image is not None else []
+    for name in [*(t.file for t in tension), *keys.video, *images]:
         if not (file.parent / name).exists():
             raise InputError(f"{file}: [raw]", f"'{name}' is not in this folder", "name files relative to case.toml")
+    diameter = keys.scale_from_diameter_mm
     return RawFiles(
-        tuple(TensionFile(file.parent / t.file, t.profile, t.channel) for t in tension),
-        tuple(file.parent / v for v in keys.video),
-        scale,
-        keys.fps,
-        keys.bits,
-        math.radians(keys.axis_deg) if keys.axis_deg is not None else None,
-        keys.method,
+        tension=tuple(TensionFile(file.parent / t.file, t.profile, t.channel) for t in tension),
+        video=tuple(file.parent / v for v in keys.video),
+        scale=scale,
+        cylinder_diameter=diameter * 1e-3 if diameter is not None else None,
+        scale_image=file.parent / keys.scale_image if keys.scale_image is not None else None,
+        fps=keys.fps,
+        bits=keys.bits,
+        cylinder_axis=math.radians(keys.axis_deg) if keys.axis_deg is not None else None,
+        method=keys.method,
+        plies=keys.plies,
     )
 
 

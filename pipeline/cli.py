@@ -200,6 +200,9 @@ def sweep(
 def measure(
     clip: Annotated[Path, typer.Argument(help="A .cine, .mraw, TIFF, AVI or MKV clip, or a folder of images.")],
     scale_um_per_px: Annotated[float | None, typer.Option(help="Object scale, µm per pixel.")] = None,
+    scale_u_um_per_px: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of --scale-um-per-px, in µm per pixel.")
+    ] = None,
     scale_from_diameter_mm: Annotated[
         float | None, typer.Option(help="Diameter of the cylinder in view, to take scale and axis from its two edges.")
     ] = None,
@@ -208,7 +211,13 @@ def measure(
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Recording rate where the file does not hold it.")] = None,
     axis_deg: Annotated[float | None, typer.Option(help="Cylinder axis as displayed, ° counter-clockwise.")] = None,
-    method: Annotated[str, typer.Option(help="Twist method: surface (single yarn).")] = "surface",
+    method: Annotated[
+        str, typer.Option(help="Twist method: surface (single yarn), ply (with --plies) or tracer (one dyed fibre).")
+    ] = "surface",
+    plies: Annotated[int | None, typer.Option(help="Strands of a plied yarn, 2 or more, for --method ply.")] = None,
+    yarn_speed_m_s: Annotated[
+        float | None, typer.Option(help="Speed of the yarn, to the right of the cylinder axis: gives its rotation.")
+    ] = None,
     overlay: Annotated[
         Path | None, typer.Option(help="Folder that gets annotated frames (24 at most) and a contact sheet as PNG.")
     ] = None,
@@ -216,8 +225,7 @@ def measure(
 ) -> int:
     """Measure angle, twist and diameter in every frame of a clip."""
     from pipeline.ingest.video import open_video
-    from pipeline.measure.scale import REMARK, cylinder_in
-    from pipeline.measure.yarn import measure_json, measure_yarn
+    from pipeline.measure.yarn import METHODS, measure_json, measure_yarn
     from pipeline.records import Scale
     from pipeline.report.overlay import check_folder, write_overlay
 
@@ -226,25 +234,38 @@ def measure(
         raise InputError("--fps", f"found {fps}", "give the recording rate in frames per second, greater than 0")
     if axis_deg is not None and not math.isfinite(axis_deg):
         raise InputError("--axis-deg", f"found {axis_deg}", "give the cylinder axis in degrees as displayed")
-    if method != "surface":
-        raise InputError("--method", f"unknown method '{method}'", nearest(method, ["surface"]))
+    if method not in METHODS:
+        raise InputError("--method", f"unknown method '{method}'", nearest(method, list(METHODS)))
+    if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
+        raise InputError(
+            "--plies", f"found {plies} with --method {method}", "give 2 or more with --method ply, else none"
+        )
+    if yarn_speed_m_s is not None and not math.isfinite(yarn_speed_m_s):
+        raise InputError("--yarn-speed-m-s", f"found {yarn_speed_m_s}", "give the speed in metres per second")
+    if scale_u_um_per_px is not None and scale_um_per_px is None:
+        raise InputError("--scale-u-um-per-px", "no --scale-um-per-px to go with it", "give the scale, too")
+    if scale_u_um_per_px is not None and not (math.isfinite(scale_u_um_per_px) and scale_u_um_per_px >= 0):
+        raise InputError("--scale-u-um-per-px", f"found {scale_u_um_per_px}", "give µm per pixel, 0 or greater")
     if overlay:
         check_folder(overlay)
     axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
-        video = open_video(clip, fps=fps)
+        video = open_video(clip, fps=fps, hashed=False)
         origin: dict[str, object] = {"from": option}
         if scale_from_diameter_mm is None:
-            scale = Scale(given * 1e-6)
+            scale = Scale(given * 1e-6, math.nan if scale_u_um_per_px is None else scale_u_um_per_px / given)
+            origin |= {} if scale_u_um_per_px is None else {"u_percent": 100 * scale.relative_u}
         else:
-            seen = open_video(scale_image, fps=fps or 1.0) if scale_image else video
+            from pipeline.measure.scale import REMARK, cylinder_in  # scipy's statistics: half of the start's time
+
+            seen = open_video(scale_image, fps=fps or 1.0, hashed=False) if scale_image else video
             cylinder = cylinder_in(seen.frames, scale_image or clip)
             scale = cylinder.scale(given * 1e-3)
             origin |= {"diameter_px": cylinder.diameter, "u_percent": 100 * scale.relative_u, "remark": REMARK}
             if axis is None and scale_image is None:
                 axis = cylinder.axis
                 origin |= {"axis_deg": math.degrees(axis), "u_axis_deg": math.degrees(cylinder.u_axis)}
-        measured = measure_yarn(video, scale, cylinder_axis=axis, method=method)
+        measured = measure_yarn(video, scale, cylinder_axis=axis, method=method, plies=plies, speed=yarn_speed_m_s)
         if overlay:
             write_overlay(measured, scale, overlay)
     document = measure_json(measured) | {"scale": {"um_per_px": scale.metres_per_pixel * 1e6, **origin}}
@@ -371,9 +392,9 @@ def _print_summary(document: dict[str, Any]) -> None:
     for key, value in document.items():
         if isinstance(value, dict):
             for name, part in value.items():
-                shown = (
-                    ", ".join(f"{k} {_short(v)}" for k, v in part.items()) if isinstance(part, dict) else _short(part)
-                )
+                told = part.items() if isinstance(part, dict) else ()
+                shown = ", ".join(f"{k} {_short(v)}" for k, v in told if v != "" and not isinstance(v, dict))
+                shown = shown if isinstance(part, dict) else _short(part)
                 print(f"{key}.{name}: {shown}")
         elif not isinstance(value, list):
             print(f"{key}: {_short(value)}")

@@ -162,10 +162,26 @@ class RawKeys(Keys):
     tension: list[str | TensionKeys] = []
     video: list[str] = []
     scale_um_per_px: Number | None = None
+    scale_from_diameter_mm: Annotated[float, Field(gt=0)] | None = None
+    """Diameter of the cylinder, whose two edges then give the scale, and the axis unless that is given."""
+    scale_image: str | None = None
+    """Image or clip with that cylinder, where it is not in the first video."""
     fps: Annotated[float, Field(gt=0)] | None = None
     bits: Annotated[int, Field(ge=1, le=16)] | None = None
     axis_deg: float | None = None
-    method: Literal["surface"] = "surface"
+    method: Literal["surface", "ply", "tracer"] = "surface"
+    plies: Annotated[int, Field(ge=2, le=12)] | None = None
+    """Strands of a plied yarn, for the method 'ply'."""
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> "RawKeys":
+        if self.scale_um_per_px is not None and self.scale_from_diameter_mm is not None:
+            raise ValueError("the scale is given twice: leave scale_um_per_px or scale_from_diameter_mm out")
+        if self.scale_image is not None and self.scale_from_diameter_mm is None:
+            raise ValueError("'scale_image' without 'scale_from_diameter_mm': give the diameter of the cylinder in it")
+        if (self.method == "ply") != (self.plies is not None):
+            raise ValueError("give 'plies', 2 or more, with method = 'ply' and only with it")
+        return self
 
 
 class CaseKeys(SceneKeys):

@@ -72,6 +72,7 @@ class FrameFlag(IntFlag):
     TWIST_NOT_CREDIBLE = 8
     OUTLIER = 16
     REDUCED_DEPTH = 32
+    DIAMETER_NOT_CREDIBLE = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,7 @@ class Source:
 
     name: str
     sha256: str
+    """Empty where it was not asked for."""
     size: int
 
 
@@ -96,6 +98,8 @@ class Estimate:
     n_eff: float = math.nan
     """Number of independent samples that carry as much information as the n correlated ones."""
     reason: str = ""
+    u_terms: Mapping[str, float] = field(default_factory=dict)
+    """What u is made of, where it was put together here: the root of the sum of squares."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,13 +216,19 @@ class YarnMeasurement:
     flag: Flags
     """Bits of `FrameFlag`."""
     summary: Mapping[str, Estimate]
-    """Keys 'axis_angle', 'theta_B', 'twist', 'diameter'."""
+    """Keys 'axis_angle', 'theta_B', 'twist', 'diameter', 'hairiness', 'helix_rotation', and 'rotation' where the
+    yarn's speed was given."""
     handedness: str
     """'Z', 'S' or '' where twist is not credible."""
     reason: str
     """Why twist, or anything else, is not given; empty where all is given."""
     centre: Array
     """A point (x, y) on the yarn axis [px], shape (n, 2); NaN where no yarn was found."""
+    hairiness: Array
+    """Hairs that cross a line beside the yarn, per length [1/m], shape (n,); see measure/hairs.py."""
+    helix_rotation: Array
+    """Turns a second of the helix at a fixed place, until the next frame, right-handed about the direction of travel
+    [1/s], shape (n,); NaN where not resolved or not looked at. See measure/rotation.py."""
     thumbnails: tuple[Thumbnail, ...] = ()
 
 

@@ -1,8 +1,9 @@
 """The synthetic rig: a yarn of known truth, rendered to frames and tension logs. Nothing here was measured on a yarn.
 
 Frames show one yarn as a cylinder whose surface carries a broadband fibre texture that is fixed in the yarn and sheared
-into a helix, u = γ − 2πT·x, lit, blurred by the optics, integrated over pixels and read with shot and read noise. It
-shares no code with pipeline.measure, so a measurement that agrees with the truth does so for a reason.
+into a helix, u = γ − 2πT·x, lit, blurred by the optics, integrated over pixels and read with shot and read noise. A
+plied yarn is several strands wound about each other. All this shares no code with pipeline.measure, so a measurement
+that agrees with the truth does so for a reason.
 
 `python -m pipeline.synthetic DIR --truth FILE` regenerates the study in DIR and writes the truth apart, bit for bit
 the same each time. The truth series are smooth seeded draws (first-order autoregressive), shifted and scaled until each
@@ -13,7 +14,7 @@ the draw's.
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
@@ -42,6 +43,12 @@ class Material:
     """Period along the yarn [diameters]."""
     hairs: Array
     """Hairs, shape (n, 5): angle around [rad], position along, length, lean along, curl around [rad]."""
+    plies: int = 1
+    """Strands that are wound about each other; the twist is then that of the plies, the fibres lie along the yarn."""
+    tracer: tuple[float, float] = (0.0, 0.0)
+    """Width around [rad] and relative albedo of one dyed fibre that never leaves the surface; 0 wide: there is none."""
+    variation: tuple[float, float] = (0.0, 10.0)
+    """Variation of the twist along the yarn: relative amplitude of a sine, and its wave length [diameters]."""
 
     @classmethod
     def draw(
@@ -91,6 +98,8 @@ class Optics:
 
     blur: float = 0.8
     """Standard deviation of the point spread [px]."""
+    defocus: float = 0.0
+    """Radius of the disc that a point out of focus becomes [px]."""
     background: float = 0.06
     yarn: float = 0.5
     """Level of the yarn where it faces the light."""
@@ -106,6 +115,29 @@ class Optics:
     """[counts]"""
 
 
+Backdrop = Callable[[Array, Array], Array]
+"""What lies behind the yarn: level at (right, up) from the frame's centre [px], which broadcast against each other."""
+
+
+def bar(angle: float, place: float, width: float, level: float, *, lit: bool = False) -> Backdrop:
+    """Return a straight thing behind the yarn on a dark ground: flat, or round and lit from the front.
+
+    Parameters
+    ----------
+    angle : direction [rad], counter-clockwise from +x as displayed.
+    place : distance from the frame's centre, to the right of the direction [px].
+    width : [px]
+    level : where it is brightest.
+    """
+
+    def backdrop(right: Array, up: Array) -> Array:
+        sine = (right * math.sin(angle) - up * math.cos(angle) - place) / (width / 2)
+        shade = np.sqrt(np.maximum(1 - sine**2, 0)) if lit else 1.0
+        return np.where(np.abs(sine) < 1, level * (0.25 + 0.75 * shade), 0.0)
+
+    return backdrop
+
+
 def render_frame(
     material: Material,
     rng: np.random.Generator,
@@ -117,6 +149,9 @@ def render_frame(
     offset: float = 0.0,
     phase: float = 0.0,
     travel: float = 0.0,
+    tilt: float = 0.0,
+    exposure: float = 0.0,
+    backdrop: Backdrop | None = None,
     optics: Optics | None = None,
 ) -> NDArray[np.uint16]:
     """Render one 12-bit frame of a yarn, rows top-down.
@@ -127,28 +162,84 @@ def render_frame(
     rng : source of the sensor noise.
     shape : rows, columns.
     axis_angle : yarn axis [rad], counter-clockwise from +x as displayed.
-    diameter : [px]
+    diameter : of the yarn, of a plied one that of the circle around its strands [px].
     twist : signed, Z > 0 [1/px].
     offset : distance of the axis from the frame's centre, to the right of the axis direction [px].
-    phase : rotation of the yarn about its axis [rad].
+    phase : rotation of the helix about the yarn's axis [rad]; yarn that moves without rotating turns its helix by
+        −2π·twist·travel.
     travel : distance that the yarn has moved along its axis [px].
+    tilt : angle of the axis with the image plane, its far end nearer to the camera if positive [rad].
+    exposure : rotation while the shutter is open, about `phase` [rad].
+    backdrop : added to the background's level.
     optics : `Optics()` if not given.
     """
     optics = optics or Optics()
+    # instants at most 2.5° apart
+    instants = 1 + math.ceil(abs(exposure) / math.radians(2.5))
+    turns = ((np.arange(instants) + 0.5) / instants - 0.5) * exposure
+    levels = [
+        _level(
+            material, optics, shape, axis_angle, diameter=diameter, twist=twist, offset=offset,
+            phase=phase + turn, travel=travel, tilt=tilt, backdrop=backdrop,
+        )
+        for turn in turns.tolist()
+    ]  # fmt: skip
+    full = 2**BITS - 1
+    counts = full * (levels[0] if instants == 1 else np.mean(levels, axis=0))
+    noise = np.sqrt(full * counts.clip(0) / optics.full_well + optics.read_noise**2)
+    return np.round(counts + noise * rng.standard_normal(shape)).clip(0, full).astype(np.uint16)
+
+
+def compressed(frame: NDArray[np.uint16], quality: int) -> NDArray[np.uint8]:
+    """Return a 12-bit frame as 8 bits that went through JPEG of a quality from 1 to 100."""
+    _, data = cv2.imencode(".jpg", (frame >> (BITS - 8)).astype(np.uint8), [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
+
+
+def _level(
+    material: Material,
+    optics: Optics,
+    shape: tuple[int, int],
+    axis_angle: float,
+    *,
+    diameter: float,
+    twist: float,
+    offset: float,
+    phase: float,
+    travel: float,
+    tilt: float,
+    backdrop: Backdrop | None,
+) -> Array:
+    """One instant without noise, as levels; parameters as for `render_frame`."""
     rows, columns = shape
     step = 1 / SUPERSAMPLING
-    right = (np.arange(columns * SUPERSAMPLING) + 0.5) * step - columns / 2
-    up = (rows / 2 - (np.arange(rows * SUPERSAMPLING) + 0.5) * step)[:, None]
-    radius = diameter / 2
+    right: Array = (np.arange(columns * SUPERSAMPLING, dtype=np.float64) + 0.5) * step - columns / 2
+    up: Array = (rows / 2 - (np.arange(rows * SUPERSAMPLING, dtype=np.float64) + 0.5) * step)[:, None]
     c, s = math.cos(axis_angle), math.sin(axis_angle)
     across = right * s - up * c - offset
 
     image = np.full(across.shape, optics.background, np.float32)
-    body = np.abs(across) < radius
-    gamma = np.arcsin(across[body] / radius)
-    along = (right * c + up * s)[body]
-    around = gamma - 2 * math.pi * twist * along - phase
+    if backdrop is not None:
+        image += backdrop(right, up).astype(np.float32)
+    along = right * c + up * s
+    body = np.abs(across) < diameter / 2
+    if material.plies > 1:
+        turn = phase + _unevenness(material, twist, diameter, along - travel)
+        body &= _strand(material, across, along, diameter, twist, turn)[0] > -math.inf
+    along = along[body]
+    turn = phase + _unevenness(material, twist, diameter, along - travel)
+    if material.plies > 1:
+        _, gamma, number = _strand(material, across[body], along, diameter, twist, turn)
+        around = gamma - phase + 1.3 * number  # the strands' own twist undoes the plies'
+    else:
+        gamma = np.arcsin(across[body] / (diameter / 2))
+        if tilt:
+            along = (along - diameter / 2 * np.cos(gamma) * math.sin(tilt)) / math.cos(tilt)
+        around = gamma - 2 * math.pi * twist * along - turn
     albedo = 1 + _texture_at(material, around, (along - travel) / diameter)
+    width, dye = material.tracer
+    if width:
+        albedo[np.abs(np.mod(around + math.pi, 2 * math.pi) - math.pi) < width / 2] *= dye
     lambert = np.maximum(np.cos(gamma - optics.light_angle), 0)
     image[body] = optics.yarn * albedo * (optics.ambient + (1 - optics.ambient) * lambert)
     hairs = _hairs_in_view(
@@ -160,11 +251,37 @@ def render_frame(
     light = 1 + optics.uneven[0] * (2 / columns) * right + optics.uneven[1] * (2 / rows) * up
     image *= light.astype(np.float32)
     image = cv2.GaussianBlur(image, (0, 0), optics.blur * SUPERSAMPLING, borderType=cv2.BORDER_REPLICATE)
-    level = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
-    full = 2**BITS - 1
-    counts = full * level
-    noise = np.sqrt(full * counts.clip(0) / optics.full_well + optics.read_noise**2)
-    return np.round(counts + noise * rng.standard_normal(shape)).clip(0, full).astype(np.uint16)
+    if optics.defocus:
+        reach = math.ceil(optics.defocus * SUPERSAMPLING)
+        y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        disc = (np.hypot(x, y) <= optics.defocus * SUPERSAMPLING).astype(np.float32)
+        image = cv2.filter2D(image, -1, disc / disc.sum(), borderType=cv2.BORDER_REPLICATE)
+    return cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+
+
+def _unevenness(material: Material, twist: float, diameter: float, place: Array) -> Array | float:
+    """Extra rotation of the helix [rad] where the twist varies, at places along the yarn [px]."""
+    amplitude, wave = material.variation
+    if not amplitude:
+        return 0.0
+    wave *= diameter
+    return amplitude * twist * wave * np.sin(2 * math.pi / wave * place)
+
+
+def _strand(
+    material: Material, across: Array, along: Array, diameter: float, twist: float, turn: Array | float
+) -> tuple[Array, Array, Array]:
+    """Find the foremost strand: its depth towards the camera [px], −∞ where there is none; γ on it; its number."""
+    sine = math.sin(math.pi / material.plies)
+    radius = diameter / 2 / (1 + 1 / sine)
+    depth, gamma, number = np.full(across.shape, -math.inf), np.zeros(across.shape), np.zeros(across.shape)
+    for k in range(material.plies):
+        angle = 2 * math.pi * (twist * along + k / material.plies) + turn
+        inside = (across - radius / sine * np.sin(angle)) / radius
+        front = radius / sine * np.cos(angle) + radius * np.sqrt(np.maximum(1 - inside**2, 0))
+        nearer = (np.abs(inside) < 1) & (front > depth)
+        depth[nearer], gamma[nearer], number[nearer] = front[nearer], np.arcsin(inside[nearer]), k
+    return depth, gamma, number
 
 
 def _texture_at(material: Material, around: Array, along: Array) -> NDArray[np.float32]:

@@ -155,11 +155,13 @@ def clip(*, credible: bool = True) -> YarnMeasurement:
         "theta_B": Estimate(math.radians(77), 0.002, 0.01, 39, 20.0),
         "twist": Estimate(800.0, 5.0, 0.035, 39, 20.0) if credible else nothing,
         "diameter": Estimate(1.6e-4, 1e-6, 0.02, 39, 20.0),
+        "hairiness": Estimate(2e3, 1e2, 0.3, 39, 20.0),
+        "helix_rotation": Estimate(math.nan, n=0, reason="it turned too far"),
     }
     confidence = np.where(flag & np.uint16(FrameFlag.NO_YARN), 0.0, 0.9)
     return YarnMeasurement(
         raw, "unrolled fibres", np.full(n, 0.2), theta, twist, diameter, confidence, flag, summary,
-        "Z" if credible else "", reason, np.full((n, 2), 30.0), shots,
+        "Z" if credible else "", reason, np.full((n, 2), 30.0), np.full(n, 2e3), np.full(n, np.nan), shots,
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,12 @@ class Clip:
 def frame_error(path: Path, index: int, found: str) -> InputError:
     """One frame that cannot be read, counted from 0."""
     return InputError(f"{path}: frame {index}", found, "copy the clip again from the camera, or go without this frame")
+
+
+def read_pixels(file: BinaryIO, size: int) -> NDArray[np.uint8]:
+    """Read `size` bytes from where a file stands, or those that are left, without a copy between file and array."""
+    data = np.empty(size, np.uint8)
+    return data[: file.readinto(data)]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def as_gray(image: NDArray[np.generic], where: str | Path) -> Pixels:

@@ -10,10 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.errors import InputError
-from pipeline.ingest.clip import Clip, Pixels, check_size, count_frames, frame_error
+from pipeline.ingest.clip import Clip, Pixels, check_size, count_frames, frame_error, read_pixels
 from pipeline.ingest.header_xml import MAX_BYTES, parse_header
 from pipeline.ingest.packed import unpack_12
 
@@ -59,14 +57,11 @@ class MrawFrames:
         """Frame `index`, shape (rows, columns), rows top-down; `InputError` if it is cut short."""
         with self._path.open("rb") as file:
             file.seek(index * self._size)
-            data = file.read(self._size)
+            data = read_pixels(file, self._size)
         if len(data) < self._size:
             raise frame_error(self._path, index, f"cut short: {len(data)} of {self._size} bytes")
-        if self._bits == 12:
-            return unpack_12(np.frombuffer(data, np.uint8)).reshape(self._shape)
-        if self._bits == 8:
-            return np.frombuffer(data, np.uint8).reshape(self._shape)
-        return np.frombuffer(data, "<u2").astype(np.uint16, copy=False).reshape(self._shape)
+        pixels = unpack_12(data) if self._bits == 12 else data.view("u1" if self._bits == 8 else "<u2")
+        return pixels.reshape(self._shape)
 
 
 def open_photron(path: Path) -> Clip:

@@ -9,7 +9,6 @@ import math
 import weakref
 from pathlib import Path
 
-import numpy as np
 from tifffile import TiffFile, TiffPage
 
 from pipeline.errors import InputError
@@ -51,11 +50,10 @@ class TiffFrames:
         try:
             page, skipped = self._page(index)
             self._check(page, index, skipped)
-            if skipped:
+            if skipped or page.is_final:
                 first = page.dataoffsets[0] + skipped * page.nbytes
                 kind = f"{self._file.byteorder}u{page.bitspersample // 8}"
-                image = np.fromfile(self._path, kind, page.size, offset=first)
-                image = image.reshape(page.shape)
+                image = self._file.filehandle.read_array(kind, page.size, first).reshape(page.shape)
             else:
                 image = page.asarray(maxworkers=1)
             orientation = page.tags.valueof(ORIENTATION, default=1)

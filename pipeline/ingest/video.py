@@ -66,7 +66,9 @@ class UniformFrames:
         return image
 
 
-def open_video(path: Path, *, fps: float | None = None, bits: int | None = None, root: Path | None = None) -> RawVideo:
+def open_video(
+    path: Path, *, fps: float | None = None, bits: int | None = None, root: Path | None = None, hashed: bool = True
+) -> RawVideo:
     """Open a clip; its frames stay on the disk.
 
     Parameters
@@ -77,6 +79,7 @@ def open_video(path: Path, *, fps: float | None = None, bits: int | None = None,
     bits : significant bits of a 16-bit pixel, where the file does not state them; without it, the smallest of 8, 10,
         12, 14 and 16 that holds some frames' maximum, which `metadata['bits']` calls assumed.
     root : folder that the source's name is given relative to.
+    hashed : whether the source gets its SHA-256: a pass over the whole clip that takes nearly as long as measuring it.
 
     Raises
     ------
@@ -87,9 +90,9 @@ def open_video(path: Path, *, fps: float | None = None, bits: int | None = None,
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise InputError(path, f"a recording rate of {fps:g}", "a positive number of frames per second")
     if path.is_dir():
-        clip, origin = open_folder(path), folder_source(path, root)
+        clip, origin = open_folder(path), folder_source(path, root, hashed=hashed)
     else:
-        clip, origin = _reader(path)(path), source(path, root)
+        clip, origin = _reader(path)(path), source(path, root, hashed=hashed)
     if not len(clip.frames):
         raise InputError(path, "a clip without frames", "copy or export the clip again")
     if not len(clip.stamps):

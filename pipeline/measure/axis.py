@@ -5,7 +5,9 @@ first, as long as what is then found is the same yarn: only a strip around the y
 
 1. *Find.* On a reduced frame, a smooth background (quadratic in x and y, fitted robustly) is subtracted; Otsu's
    threshold and connected components give the largest elongated thing; a line is fitted to its full cross-sections
-   only, because the slanted ends where the frame cuts the yarn would turn the line.
+   only, because the slanted ends where the frame cuts the yarn would turn the line. Where that is no yarn (a broad
+   cylinder behind it, a second thing, a background as bright as the yarn), the bands between two opposite straight
+   edges are tried (`edges.py`).
 2. *Align.* The frame is straightened along the line. The mean cross profile p(w) is held against each short block of
    the yarn: I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade,
    IJCAI 1981, with gain and offset). p′ is large at the two edges only, so δ is the mean of both edges' sub-pixel
@@ -21,17 +23,22 @@ The strip is cut by linear interpolation. It blurs each edge symmetrically, whic
 """
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+import threading
+from dataclasses import dataclass, replace
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from models.compiled import compiled, inner
+from models.newton import lu_factor, lu_solve
+from pipeline.measure.edges import bands
+from pipeline.measure.lit import LitProfile, bright_side, fit_lit, side_starts
+from pipeline.measure.profile import fit_profile, middle, quadrature, weights
 from pipeline.records import Array
 
 Image = NDArray[np.float32]
+Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 REDUCTION = 4
 """Step of the reduced frame that the yarn is looked for in [px]."""
@@ -39,6 +46,8 @@ BLOCK = 8
 """Length of yarn whose shift is found at once [px]."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
+MIN_PIXELS = 12
+"""Fewest pixels of the reduced frame that a line is fitted to."""
 MIN_ASPECT = 2.0
 """Length in view over diameter below which a thing has no axis."""
 ALIGNED = 1.0
@@ -49,12 +58,28 @@ CENTRED = 2.0
 rest."""
 ROUNDS = 6
 """Largest number of strips cut to align one."""
+NEAR = 4
+"""Distance from a strip within which interpolation uses pixels [px]: 2 for the bicubic one, and some."""
 SAME_DIAMETER = 0.05
 """Relative change of the diameter from one frame to the next up to which it is the same yarn."""
 SAME_AGREEMENT = 0.8
 """Least share of the blocks that agree for an axis that was followed rather than found."""
 SAME_DIRECTION = 0.1
 """Turn from one frame to the next up to which an axis is followed [rad]: beyond, the yarn leaves the strip early."""
+
+
+BANDS = 3
+"""Bands between two edges that are tried where no thing of its own brightness is the yarn."""
+MIN_AGREEMENT = 0.4
+"""Least share of the blocks that agree for such a band."""
+MAX_MISFIT = 0.03
+"""Misfit of the profile, over its range, above which its edges are not those of a round body."""
+FRONTAL = 0.1
+"""Direction of the light up to which the yarn's own shadow does not show [rad]."""
+SIDEWAYS = 0.5
+"""Direction of the light from which on half heights say little of where the yarn ends [rad]."""
+NO_MISFIT = 0.01
+"""Misfit of the profile up to which its fit is as good as texture lets it be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,20 +100,26 @@ class YarnAxis:
     """Share of the yarn's length in view that follows the line: 1 where no hair or second object disturbs it."""
     lean: float
     """Distance from half way between the profile's half heights to the axis, which light from one side causes [px]."""
+    light: float
+    """Direction of the light around the axis, to its right if positive, 0 from the camera [rad]."""
+    shade: tuple[float, float]
+    """Level of the surface that faces the lamp, and in the shadow, texture aside [counts]; see `lit.py`."""
+    misfit: float
+    """Root mean square of what the profile's fit leaves, over the profile's range."""
 
 
-def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
+def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis | None:
     """Find the yarn in a frame, or None where there is none.
 
     Parameters
     ----------
     image : the frame, shape (rows, columns), rows top-down.
-    before : the yarn in the frame before. It only saves time: the yarn is looked for in the whole frame where it is not
-        near that place, not as wide, turned or disturbed.
+    before : the yarn in the frame before, or as it is `expected`. It only saves time: the yarn is looked for in the
+        whole frame where it is not near that place, not as wide, turned or disturbed.
     """
     if before is not None:
         line = *before.centre, before.angle, before.diameter / 2
-        axis = _measure(image, line, before.blur, before.lean)
+        axis = _measure(image, line, before.blur, before.lean, before.light)
         if (
             axis is not None
             and axis.agreement >= SAME_AGREEMENT
@@ -97,49 +128,116 @@ def find_axis(image: Image, before: YarnAxis | None = None) -> YarnAxis | None:
         ):
             return axis
     line = _find_line(image)
-    return None if line is None else _measure(image, line, 1.0, 0.0)
+    axis = None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
+    if axis is not None and axis.misfit <= MAX_MISFIT:
+        return axis
+    for band in bands(image.astype(np.float32), BANDS):
+        other = _measure(image, band, 1.0, 0.0, 0.0)
+        if other is not None and other.agreement >= MIN_AGREEMENT and (axis is None or other.misfit < axis.misfit):
+            axis = other
+        if axis is not None and axis.misfit <= MAX_MISFIT:
+            break
+    return axis
 
 
-def _measure(image: Image, line: tuple[float, float, float, float], blur: float, lean: float) -> YarnAxis | None:
+def expected(last: YarnAxis, before: YarnAxis) -> YarnAxis:
+    """Return where the yarn is next if it moves on and turns on as from the frame before to the last one.
+
+    A yarn that swings then mostly needs one strip a frame instead of two: that it turned by more than `ALIGNED` over
+    its length from one frame to the next no longer counts, only how much faster or slower.
+    """
+    x, y = (2 * now - then for now, then in zip(last.centre, before.centre, strict=True))
+    turned = math.remainder(last.angle - before.angle, math.pi)
+    return replace(last, centre=(x, y), angle=last.angle + turned)
+
+
+def _measure(
+    image: Image | Pixels, line: tuple[float, float, float, float], blur: float, lean: float, light: float
+) -> YarnAxis | None:
     """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
 
-    `blur` and `lean` are where the fit starts, see `YarnAxis`.
+    `blur`, `lean` and `light` are where the fit starts, see `YarnAxis`.
     """
     x, y, angle, radius = line
     half = math.ceil(1.3 * radius + 6)
     for _ in range(ROUNDS):
-        span = _span(image.shape, x, y, angle, half)
-        if span is None or span[1] - span[0] < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
+        low, high = _span(image.shape[0], image.shape[1], x, y, angle, float(half))
+        if high - low < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
             return None
-        x, y = _along(x, y, angle, sum(span) / 2)
-        strip = straighten(image, (x, y), angle, half, math.floor(span[1] - span[0]))
+        x, y = _along(x, y, angle, (low + high) / 2)
+        strip = straighten(image, (x, y), angle, half, math.floor(high - low))
         blocks = _blocks(strip)
-        profile, spread = _middle_mean(blocks)
-        tilt, agreement = _shifts(blocks, profile)
+        profile, spread, tilt, agreement, shift = _registered(blocks, np.sort(blocks, axis=1))
         if not agreement:
             return None
         angle -= math.atan(tilt)
-        shift = _middle(profile)
         if abs(shift) <= CENTRED and abs(tilt) * strip.shape[1] <= ALIGNED:
             break
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
     else:
         return None
-    body = _fit_profile(profile, spread, (shift + lean, radius, blur))
+    # nodes closer than the narrowest usual blur
+    sine, share = quadrature(16 * math.ceil(3 * radius / 16))
+    plain = LitProfile(*fit_profile(profile, spread, shift + lean, radius, blur, sine, share))
+    body = plain if plain.radius else None
+    if body is None or abs(body.light) > FRONTAL or body.misfit > NO_MISFIT:
+        start = (shift + lean, radius, blur, light)
+        strip, profile, body = _fit_shadow(image, (x, y), angle, strip, body, start)
     if body is None:
         return None
-    offset, radius, blur = body
+    half = strip.shape[0] // 2
+    offset, radius, blur, light = body.offset, body.radius, body.blur, body.light
     length = strip.shape[1]
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half < radius + 2:
         return None
     x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
     lean = offset - shift
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
-        lean = -lean
-    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean)
+        lean, light = -lean, -light
+    dark = float(np.interp(offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
+    shade = (dark + body.ambient + body.lamp, dark + body.ambient)
+    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean, light, shade, body.misfit)
 
 
-def straighten(image: Image, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
+def _fit_shadow(
+    image: Image | Pixels,
+    centre: tuple[float, float],
+    angle: float,
+    strip: Image,
+    plain: LitProfile | None,
+    start: tuple[float, float, float, float],
+) -> tuple[Image, Array, LitProfile | None]:
+    """Fit the profile with its shadow, if it fits; a wider strip is cut where it is needed.
+
+    Parameters
+    ----------
+    image, centre, angle, strip : see `straighten`.
+    start : offset, radius, blur [px] and direction of the light in the frame before [rad]; 0 where there is none.
+    """
+    known = abs(start[3]) > FRONTAL
+    profile, spread = _profile(strip)
+    if plain is None or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start[3]) > SIDEWAYS:
+        # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
+        first, last = bright_side(profile)
+        half = math.ceil(1.3 * (last - first) + 6)
+        low, high = _span(image.shape[0], image.shape[1], *centre, angle, float(half))
+        length = 2 * math.floor(min(-low, high))
+        if half > strip.shape[0] // 2 and length >= 4 * BLOCK:
+            strip = straighten(image, centre, angle, half, length)
+            profile, spread = _profile(strip)
+    weight = weights(profile, spread)
+    body = fit_lit(profile, weight, [start]) if known else None
+    if body is None or body.misfit > NO_MISFIT:
+        starts = side_starts(profile, start[2])
+        if plain is not None:
+            starts.append((plain.offset, plain.radius, plain.blur, plain.light))
+        body = fit_lit(profile, weight, starts)
+    if body is None or (plain is not None and body.misfit > max(NO_MISFIT, plain.misfit)):
+        body = plain
+    return strip, profile, body
+
+
+def straighten(image: Image | Pixels, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
     """Resample a frame along an axis by linear interpolation at the frame's own pixel pitch.
 
     Parameters
@@ -161,107 +259,212 @@ def straighten(image: Image, centre: tuple[float, float], angle: float, half: in
     )
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     size = (length, 2 * half + 1)
-    return cv2.warpAffine(image, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportReturnType]
+    pixels = floats_around(image, centre, angle, half, length)
+    return cv2.warpAffine(pixels, matrix, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportReturnType]
+
+
+def floats_around(image: Image | Pixels, centre: tuple[float, float], angle: float, half: float, length: int) -> Image:
+    """Return a frame in single precision of which only the pixels in and near a strip have their value.
+
+    A yarn covers a tenth of a frame: converting the rest would take longer than cutting the strip. All pixels have
+    their value if the strip is not wholly inside the frame. The next call in the same thread overwrites them.
+
+    Parameters
+    ----------
+    image : shape (rows, columns); returned as it is if in single precision.
+    centre, angle, half, length : see `straighten`.
+    """
+    if image.dtype == np.float32:
+        return image  # pyright: ignore[reportReturnType]
+    kept: Image | None = getattr(_scratch, "floats", None)
+    if kept is None or kept.shape != image.shape:
+        kept = _scratch.floats = np.empty(image.shape, np.float32)
+    _set_band(image, centre[0], centre[1], angle, float(half + NEAR), length / 2 + NEAR, kept)
+    return kept
+
+
+_scratch = threading.local()
+"""Each thread's last `floats_around`: fresh memory for every strip would cost more than setting it."""
+
+
+@compiled
+def _set_band(
+    frame: Image | Pixels, x: float, y: float, angle: float, half: float, reach: float, floats: Image
+) -> None:
+    """Set `floats` to the frame's pixels within ±half across and ±reach along an axis."""
+    rows, columns = frame.shape
+    c, s = math.cos(angle), math.sin(angle)
+    wide, high = abs(reach * c) + abs(half * s) - 2 * NEAR, abs(reach * s) + abs(half * c) - 2 * NEAR
+    whole = x - wide < 0 or y - high < 0 or x + wide > columns - 1 or y + high > rows - 1
+    for i in range(rows):
+        low, top = 0.0, columns - 1.0
+        if not whole:
+            # the columns where |(x' − x) s + (y' − y) c| ≤ half and |(x' − x) c − (y' − y) s| ≤ reach
+            for slope, offset, limit in ((s, (i - y) * c, half), (c, (y - i) * s, reach)):
+                if abs(slope) > 1e-9:
+                    a, b = x + (-limit - offset) / slope, x + (limit - offset) / slope
+                    low, top = max(low, min(a, b)), min(top, max(a, b))
+                elif abs(offset) > limit:
+                    top = -1.0
+        first, past = math.floor(low), math.ceil(top) + 1
+        if first < past:
+            source, target = frame[i, first:past], floats[i, first:past]
+            for j in range(past - first):
+                target[j] = source[j]
 
 
 def _along(x: float, y: float, angle: float, distance: float) -> tuple[float, float]:
     return x + distance * math.cos(angle), y - distance * math.sin(angle)
 
 
-def _span(shape: tuple[int, ...], x: float, y: float, angle: float, half: float) -> tuple[float, float] | None:
-    """Return the positions along the axis between which a band of this half width lies inside the frame."""
+@compiled
+def _span(rows: int, columns: int, x: float, y: float, angle: float, half: float) -> tuple[float, float]:
+    """Return the positions along the axis between which a band of this half width lies inside the frame.
+
+    The first is not below the second where it lies inside nowhere.
+    """
     low, high = -math.inf, math.inf
+    c, s = math.cos(angle), math.sin(angle)
     for side in (-half, half):
-        for start, step, size in (
-            (x + side * math.sin(angle), math.cos(angle), shape[1] - 1),
-            (y + side * math.cos(angle), -math.sin(angle), shape[0] - 1),
-        ):
-            if abs(step) < 1e-9:
-                if not 0 <= start <= size:
-                    return None
-                continue
-            ends = sorted((-start / step, (size - start) / step))
-            low, high = max(low, ends[0]), min(high, ends[1])
-    return (low, high) if low < high else None
+        for start, step, last in ((x + side * s, c, columns - 1.0), (y + side * c, -s, rows - 1.0)):
+            if abs(step) >= 1e-9:
+                first, second = -start / step, (last - start) / step
+                low, high = max(low, min(first, second)), min(high, max(first, second))
+            elif not 0 <= start <= last:
+                return 0.0, 0.0
+    return low, high
 
 
+@inner
 def _median(values: Array) -> float:
-    """Return the upper median of values, shape (n,): several times faster than numpy's on a few hundred values."""
+    """Return the upper median of values, shape (n,)."""
     middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
+    return np.partition(values, middle)[middle]
 
 
-@lru_cache(maxsize=4)
-def _surface_basis(rows: int, columns: int) -> Image:
-    """Return 1, u, v, u², uv, v² over a frame's pixels, shape (rows, columns, 6)."""
-    v, u = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1).astype(np.float32)
+@compiled
+def _reduced(frame: Image | Pixels) -> Image:
+    """Return the mean of each `REDUCTION` × `REDUCTION` pixels; what is left over at the far ends is left out."""
+    rows, columns = frame.shape[0] // REDUCTION, frame.shape[1] // REDUCTION
+    small = np.empty((rows, columns), np.float32)
+    sums = np.empty(columns * REDUCTION, np.float32)
+    for i in range(rows):
+        sums[:] = 0
+        for k in range(REDUCTION):
+            line = frame[i * REDUCTION + k]
+            for j in range(sums.size):
+                sums[j] += np.float32(line[j])
+        for j in range(columns):
+            total = np.float32(0)
+            for k in range(REDUCTION):
+                total += sums[j * REDUCTION + k]
+            small[i, j] = total / np.float32(REDUCTION * REDUCTION)
+    return small
 
 
-def _background(image: Image) -> Image:
-    """Fit a quadratic surface to most of the pixels, leaving out what deviates (iterated, 3 median deviations)."""
-    basis = _surface_basis(*image.shape)
-    coarse = basis[::4, ::4].reshape(-1, 6).astype(float)
-    values = image[::4, ::4].reshape(-1).astype(float)
-    rest, coefficients = values - _median(values), np.zeros(6)
+@compiled
+def _deviation(image: Image) -> Image:
+    """Return |image − background|: a quadratic in x and y, fitted to every fourth pixel both ways.
+
+    What deviates by more than 3 median deviations is left out, iterated.
+    """
+    rows, columns = image.shape
+    v, u = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
+    count = ((rows + 3) // 4) * ((columns + 3) // 4)
+    basis, values = np.ones((6, count)), np.empty(count)
+    at = 0
+    for i in range(0, rows, 4):
+        for j in range(0, columns, 4):
+            basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
+            at += 1
+    basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
+    rest, c = values - _median(values), np.zeros(6)
+    normal, right, pivots = np.empty((6, 6)), np.empty(6), np.empty(6, np.int64)
     for _ in range(4):
         keep = np.abs(rest) <= 3 * 1.4826 * _median(np.abs(rest)) + 1e-9
-        kept = coarse[keep]
-        coefficients = np.linalg.lstsq(kept.T @ kept, kept.T @ values[keep], rcond=None)[0]
-        rest = values - coarse @ coefficients
-    return basis @ coefficients.astype(np.float32)
+        for k in range(6):
+            kept = np.where(keep, basis[k], 0.0)
+            right[k] = np.sum(kept * values)
+            for m in range(k + 1):
+                normal[k, m] = normal[m, k] = np.sum(kept * basis[m])
+        lu_factor(normal, pivots)
+        c = lu_solve(normal, pivots, right)
+        rest[:] = values
+        for k in range(6):
+            rest -= c[k] * basis[k]
+    deviation = np.empty(image.shape, np.float32)
+    for i in range(rows):
+        level, slope = c[0] + (c[2] + c[5] * v[i]) * v[i], c[1] + c[4] * v[i]
+        for j in range(columns):
+            deviation[i, j] = abs(image[i, j] - (level + (slope + c[3] * u[j]) * u[j]))
+    return deviation
 
 
-def _find_line(image: Image) -> tuple[float, float, float, float] | None:
+def _find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
     """Return a point (x, y), the angle and the half width of the largest elongated thing, good to about a pixel."""
-    size = (image.shape[1] // REDUCTION, image.shape[0] // REDUCTION)
-    if min(size) < 4:
+    if min(image.shape) < 4 * REDUCTION:
         return None
-    small = cv2.resize(image[: size[1] * REDUCTION, : size[0] * REDUCTION], size, interpolation=cv2.INTER_AREA)
-    deviation = np.abs(small - _background(small))  # pyright: ignore[reportArgumentType]
+    small = _reduced(image)
+    deviation = _deviation(small)
     top = float(deviation.max())
     if top <= 0:
         return None
     _, mask = cv2.threshold((deviation * (255 / top)).astype(np.uint8), 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     for label in 1 + np.argsort(stats[1:, cv2.CC_STAT_AREA])[::-1][:3]:
-        found = _line_through(np.argwhere(labels == label)[:, ::-1].astype(float), small.shape)
-        if found is not None:
-            x, y, angle, half = found
+        rows, columns = np.nonzero(labels == label)
+        x, y, angle, half = _line_through(columns.astype(float), rows.astype(float), *small.shape)
+        if half:
             edge = (REDUCTION - 1) / 2
             return x * REDUCTION + edge, y * REDUCTION + edge, angle, half * REDUCTION
     return None
 
 
-def _line_through(points: Array, shape: tuple[int, ...]) -> tuple[float, float, float, float] | None:
-    """Fit a line to the full cross-sections of a band of pixels (x, y), shape (n, 2), rows top-down."""
-    if len(points) < 12:
-        return None
-    mean = points.mean(axis=0)
-    spread, directions = np.linalg.eigh(np.cov((points - mean).T))
-    if spread[1] < MIN_ASPECT**2 * spread[0]:
-        return None
-    angle = math.atan2(-directions[1, 1], directions[0, 1])
-    x, y = float(mean[0]), float(mean[1])
-    half = math.sqrt(3 * max(float(spread[0]), 1 / 12))
+@compiled
+def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float, float, float, float]:
+    """Fit a line to the full cross-sections of a band of pixels in a frame of `rows` and `columns`.
+
+    Parameters
+    ----------
+    xs, ys : the pixels, shape (n,), rows top-down.
+
+    Returns
+    -------
+    A point x, y, the angle and half the width; zeros where the pixels are no band.
+    """
+    none = (0.0, 0.0, 0.0, 0.0)
+    if xs.size < MIN_PIXELS:
+        return none
+    x, y = xs.mean(), ys.mean()
+    xx, yy = np.sum((xs - x) ** 2) / (xs.size - 1), np.sum((ys - y) ** 2) / (xs.size - 1)
+    xy = np.sum((xs - x) * (ys - y)) / (xs.size - 1)
+    # variances along and across the principal axis
+    middle, reach = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
+    if middle + reach < MIN_ASPECT**2 * (middle - reach):
+        return none
+    angle = -0.5 * math.atan2(2 * xy, xx - yy)
+    half = math.sqrt(3 * max(middle - reach, 1 / 12))
     for _ in range(4):
         c, s = math.cos(angle), math.sin(angle)
-        along = (points[:, 0] - x) * c - (points[:, 1] - y) * s
-        across = (points[:, 0] - x) * s + (points[:, 1] - y) * c
-        span = _span(shape, x, y, angle, half)
-        near = np.abs(across - np.median(across)) < 1.3 * half + 1
-        if span is not None:
-            near &= (along > span[0]) & (along < span[1])
-        if near.sum() < 12:
-            return None
+        along = (xs - x) * c - (ys - y) * s
+        across = (xs - x) * s + (ys - y) * c
+        low, high = _span(rows, columns, x, y, angle, half)
+        # the usual median, the mean of the middle two
+        ordered = np.sort(across)
+        centre = (ordered[(xs.size - 1) // 2] + ordered[xs.size // 2]) / 2
+        near = np.abs(across - centre) < 1.3 * half + 1
+        if low < high:
+            near &= (along > low) & (along < high)
         along, across = along[near], across[near]
-        length = float(np.ptp(along)) + 1
+        if along.size < MIN_PIXELS:
+            return none
+        length = along.max() - along.min() + 1
         centred = along - along.mean()
-        tilt = float(centred @ across) / float(centred @ centred)
-        half = max(0.5, len(along) / length / 2)
+        tilt = np.sum(centred * across) / np.sum(centred * centred)
+        half = max(0.5, along.size / length / 2)
         if length < MIN_ASPECT * 2 * half:
-            return None
-        shift = float(across.mean() - tilt * along.mean())
+            return none
+        shift = across.mean() - tilt * along.mean()
         x, y = x + shift * s, y + shift * c
         angle -= math.atan(tilt)
     return x, y, angle, half
@@ -275,171 +478,85 @@ def _blocks(strip: Image) -> Image:
     return cv2.resize(whole, (count, strip.shape[0]), interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
 
 
-def _middle_mean(blocks: Image) -> tuple[Array, Array]:
-    """Return the mean of the middle half of each row's values, and their interquartile range, both shape (rows,)."""
-    ordered = np.sort(blocks, axis=1)
-    quarter = blocks.shape[1] // 4
-    middle = ordered[:, quarter : blocks.shape[1] - quarter]
-    return middle.mean(axis=1, dtype=np.float64), (middle[:, -1] - middle[:, 0]).astype(float)
+def _profile(strip: Image) -> tuple[Array, Array]:
+    """Return a strip's profile and its rows' spread, see `_registered`."""
+    blocks = _blocks(strip)
+    profile, spread, *_ = _registered(blocks, np.sort(blocks, axis=1))
+    return profile, spread
 
 
-def _middle(profile: Array) -> float:
-    """Return how far from the middle row the body is, half way between its outermost half heights [px]."""
-    ends = float(profile[:3].mean()), float(profile[-3:].mean())
-    level = float(profile.mean())
-    height = np.abs(profile - max(ends, key=lambda end: abs(end - level)))
-    height /= max(float(height.max()), 1e-9) / 2
-    body = np.flatnonzero(height >= 1)
-    first, last = float(body[0]), float(body[-1])
-    if first > 0 and last < profile.size - 1:
-        rise, fall = height[body[0] - 1 : body[0] + 1], height[body[-1] : body[-1] + 2]
-        first -= float((rise[1] - 1) / (rise[1] - rise[0]))
-        last += float((fall[0] - 1) / (fall[0] - fall[1]))
-    return (first + last - (profile.size - 1)) / 2
+@compiled
+def _registered(blocks: Image, ordered: Image) -> tuple[Array, Array, float, float, float]:
+    """Return a strip's profile, its rows' spread, tilt and agreement, and how far the yarn is from the middle.
+
+    Profile and spread, shape (rows,), are the mean of the middle half of each row's values and their interquartile
+    range; for the rest see `_shifts` and `middle`.
+
+    Parameters
+    ----------
+    blocks : shape (rows, blocks).
+    ordered : the same with each row in ascending order.
+    """
+    rows, count = blocks.shape
+    quarter = count // 4
+    profile, spread = np.zeros(rows), np.empty(rows)
+    for i in range(rows):
+        for j in range(quarter, count - quarter):
+            profile[i] += ordered[i, j]
+        profile[i] /= count - 2 * quarter
+        spread[i] = ordered[i, count - quarter - 1] - ordered[i, quarter]
+    tilt, agreement = _shifts(blocks, profile)
+    return profile, spread, tilt, agreement, middle(profile) if agreement else 0.0
 
 
+@inner
 def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
     """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape
-    design = np.ones((rows, 3))
-    design[:, 0] = profile
-    design[1:-1, 2] = 0.5 * (profile[:-2] - profile[2:])
-    design[0, 2], design[-1, 2] = profile[0] - profile[1], profile[-2] - profile[-1]
-    scale = np.sqrt((design * design).sum(axis=0))
-    if scale.min() <= 0:
-        return 0.0, 0.0
-    design /= scale
-    normal = design.T @ design + 1e-12 * np.eye(3)
-    gain, _, moved = np.linalg.solve(normal, design.T @ blocks) / scale[:, None]
+    design = np.ones((3, rows))
+    for i in range(rows):
+        before, after = max(i - 1, 0), min(i + 1, rows - 1)
+        design[0, i], design[2, i] = profile[i], (profile[before] - profile[after]) / (after - before)
+    scale, normal = np.empty(3), np.empty((3, 3))
+    for k in range(3):
+        scale[k] = math.sqrt(np.sum(design[k] ** 2))
+        if scale[k] <= 0:
+            return 0.0, 0.0
+        design[k] /= scale[k]
+    for k in range(3):
+        for m in range(3):
+            normal[k, m] = np.sum(design[k] * design[m]) + (1e-12 if k == m else 0.0)
+    pivots = np.empty(3, np.int64)
+    lu_factor(normal, pivots)
+    # rows of the pseudo-inverse: what weighs a block's rows to its gain and to gain times shift
+    for_gain, for_moved = lu_solve(normal, pivots, np.eye(3)[0]), lu_solve(normal, pivots, np.eye(3)[2])
+    gain, moved = np.zeros(count), np.zeros(count)
+    for i in range(rows):
+        a, b = 0.0, 0.0
+        for k in range(3):
+            a += for_gain[k] * design[k, i] / scale[0]
+            b += for_moved[k] * design[k, i] / scale[2]
+        for j in range(count):
+            gain[j] += a * blocks[i, j]
+            moved[j] += b * blocks[i, j]
     usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * (rows / 4))
-    if np.count_nonzero(usable) < max(3, 0.3 * count):
+    used = np.count_nonzero(usable)
+    if used < max(3, 0.3 * count):
         return 0.0, 0.0
     shift = moved[usable] / gain[usable]
     position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
-    weight = np.ones_like(shift)
+    weight = np.ones(used)
     tilt = 0.0
     for _ in range(10):
         last = tilt
-        total = float(weight.sum())
-        centred = position - float(weight @ position) / total
+        total = weight.sum()
+        centred = position - np.sum(weight * position) / total
         weighted = weight * centred
-        tilt = float(weighted @ shift) / float(weighted @ centred)
-        rest = shift - float(weight @ shift) / total - tilt * centred
+        tilt = np.sum(weighted * shift) / np.sum(weighted * centred)
+        rest = shift - np.sum(weight * shift) / total - tilt * centred
         # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
         reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
-        weight = np.maximum(1 - (rest / reach) ** 2, 0) ** 2
+        weight = np.maximum(1 - (rest / reach) ** 2, 0.0) ** 2
         if abs(tilt - last) * BLOCK * count < 1e-3:
             break
-    return tilt, float(np.count_nonzero(weight > 0.2)) / count
-
-
-SETTLED = 0.02
-"""Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
-INNER = 0.5
-"""Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
-
-
-FAR = 6.0
-"""Distance in standard deviations from which on the blur is taken for 0."""
-
-
-@lru_cache(maxsize=16)
-def _quadrature(count: int) -> tuple[Array, Array]:
-    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, and weights for dw/R."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    gamma = nodes * (math.pi / 2)
-    return np.sin(gamma), weights * (math.pi / 2) * np.cos(gamma)
-
-
-@numba.njit(cache=True, nogil=True)
-def _body(across: Array, offset: float, radius: float, blur: float, sine: Array, share: Array) -> Array:
-    """Return the blurred body with the shades 1, sin γ and cos γ, and what its derivatives are made of.
-
-    Parameters
-    ----------
-    across : w, shape (n,) [px].
-    sine, share : see `_quadrature`.
-
-    Returns
-    -------
-    Shape (4, 3, n): the integral over γ of shade times G, z·G, z²·G, z·sin γ·G for each of the shades; G is the blur's
-    Gaussian of z = (w − offset − R sin γ)/blur.
-    """
-    integrals = np.zeros((4, 3, across.size))
-    height = radius / (blur * math.sqrt(2 * math.pi))
-    for i in range(across.size):
-        for j in range(sine.size):
-            z = (across[i] - offset - radius * sine[j]) / blur
-            if abs(z) > FAR:
-                continue
-            term = height * share[j] * math.exp(-0.5 * z * z)
-            for k in range(3):
-                shaded = term
-                if k == 1:
-                    shaded = term * sine[j]
-                elif k == 2:
-                    shaded = term * math.sqrt(1 - sine[j] * sine[j])
-                integrals[0, k, i] += shaded
-                integrals[1, k, i] += shaded * z
-                integrals[2, k, i] += shaded * z * z
-                integrals[3, k, i] += shaded * z * sine[j]
-    return integrals
-
-
-def _fit_profile(profile: Array, spread: Array, start: tuple[float, float, float]) -> tuple[float, float, float] | None:
-    """Fit the blurred, shaded body to a strip's profile; return offset, radius and blur [px], None without contrast.
-
-    Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
-    squares: Levenberg's steps in offset, radius and blur, all else linear, with Kaufman's Jacobian (BIT 15, 1975).
-
-    Parameters
-    ----------
-    profile, spread : shape (2h + 1,), see `_middle_mean`.
-    start : offset, radius and blur to start from [px].
-    """
-    half = profile.size // 2
-    offset, radius, blur = start
-    across = np.arange(-half, half + 1, dtype=float)
-    outer = np.abs(across) > INNER * radius
-    across, weight = across[outer], 1 / np.maximum(spread[outer], 1e-3 * max(float(np.ptp(profile)), 1e-9))
-    # nodes closer than the narrowest usual blur
-    sine, share = _quadrature(16 * math.ceil(3 * radius / 16))
-    basis, columns = np.empty((5, across.size)), np.empty((4, across.size))
-    basis[0], basis[1], columns[0] = weight, across * weight, profile[outer] * weight
-
-    def residuals(at: Array) -> tuple[Array, Array, Array]:
-        """Return the residuals, shape (n,), their Jacobian, shape (3, n), and the linear coefficients, shape (5,)."""
-        offset, radius, blur = float(at[0]), float(at[1]), math.exp(at[2])
-        integrals = _body(across, offset, radius, blur, sine, share) * weight
-        basis[2:] = integrals[0]
-        normal = basis @ basis.T
-        scale = np.sqrt(np.diag(normal)) + 1e-300
-        inverse = np.linalg.inv(normal / np.outer(scale, scale) + 1e-10 * np.eye(5)) / np.outer(scale, scale)
-        coefficients = inverse @ (basis @ columns[0])
-        body, by_z, by_zz, by_sine = np.tensordot(coefficients[2:], integrals, (0, 1))
-        columns[1], columns[2], columns[3] = by_z / blur, by_sine / blur + body / radius, by_zz - body
-        projected = columns - (columns @ basis.T @ inverse) @ basis
-        return -projected[0], projected[1:], coefficients
-
-    low = np.array([-radius, 0.6 * radius, math.log(0.3)])
-    high = np.array([radius, min(1.4 * radius, half - 1.0), math.log(max(radius / 2, 1.0))])
-    at = np.minimum(np.maximum([offset, radius, math.log(blur)], low), high)
-    damping = 1e-3
-    rest, jacobian, coefficients = residuals(at)
-    for _ in range(20):
-        normal = jacobian @ jacobian.T
-        normal += np.diag(damping * np.diag(normal) + 1e-12)
-        trial = np.minimum(np.maximum(at - np.linalg.solve(normal, jacobian @ rest), low), high)
-        trial_rest, trial_jacobian, trial_coefficients = residuals(trial)
-        moved = float(np.abs(trial - at).max())
-        if trial_rest @ trial_rest < rest @ rest:
-            at, rest, jacobian, coefficients = trial, trial_rest, trial_jacobian, trial_coefficients
-            damping *= 0.1
-        else:
-            damping *= 10
-        if moved < SETTLED or damping > 1e3:
-            break
-    contrast = abs(float(coefficients[2] + coefficients[4] * math.pi / 4))
-    if contrast < 5 * float(np.std(rest / weight)) or not low[1] < at[1] < high[1]:
-        return None
-    return float(at[0]), float(at[1]), math.exp(at[2])
+    return tilt, np.sum(weight > 0.2) / count

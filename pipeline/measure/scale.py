@@ -1,8 +1,7 @@
 """The object scale and the cylinder's axis from a cylinder of known diameter in view: its two parallel edges.
 
-1. *Find.* The gradient of the smoothed frame is projected on every direction and averaged along lines (a Radon
-   transform of the directional derivative). A straight edge is a peak; the cylinder is the widest pair of opposite
-   peaks, because a yarn in front of it is thinner.
+1. *Find.* Straight edges are looked for in every direction (`edges.py`); the cylinder is the widest pair of opposite
+   ones, because a yarn in front of it is thinner.
 2. *Follow.* The frame is straightened along the pair. In blocks along each edge the steepest place of the right sign
    is found to a fraction of a pixel, and a line is fitted to them robustly: blocks that a yarn crosses drop out.
 3. *Correct.* The mean profile across each edge, followed along its line, is fitted with a step and terms in sinγ
@@ -21,7 +20,6 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
@@ -30,6 +28,7 @@ from scipy.stats import theilslopes
 
 from pipeline.errors import InputError
 from pipeline.measure.axis import straighten
+from pipeline.measure.edges import edge_lines
 from pipeline.records import Array, Frames, Scale
 
 REMARK = (
@@ -37,11 +36,7 @@ REMARK = (
     "stated diameter is taken as exact"
 )
 
-REDUCED = 240
-"""Longer side of the reduced frame that the edges are looked for in [px]."""
 DIRECTIONS = 180
-WEAKEST = 0.25
-"""Least strength of an edge over that of the strongest one in the frame."""
 AS_WIDE = 12
 """Pairs narrower than the widest by less than this are the same cylinder at a slightly wrong angle [reduced px]."""
 SEARCH = 12
@@ -140,30 +135,11 @@ def find_cylinder(frame: NDArray[np.uint8] | NDArray[np.uint16]) -> Cylinder | N
 
 def _find_pair(image: Image) -> tuple[float, float, float, int] | None:
     """Return direction, the two edges' distances from the frame's centre [px], and 1 if it is brighter inside."""
-    shrink = min(1.0, REDUCED / max(image.shape))
-    small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
-    down, right = np.gradient(small)
-    y, x = np.indices(small.shape)
-    y, x = y - (small.shape[0] - 1) / 2, x - (small.shape[1] - 1) / 2
-    half = math.ceil(math.hypot(*small.shape) / 2)
+    edges = edge_lines(image, DIRECTIONS)
+    half, shrink = edges.half, edges.shrink
     found: list[tuple[float, float, float, float, int]] = []
-    angles = np.arange(DIRECTIONS) * (math.pi / DIRECTIONS)
-    lines = np.zeros((DIRECTIONS, 2 * half + 1))
-    for i, angle in enumerate(angles):
-        c, s = math.cos(angle), math.sin(angle)
-        place = np.round(x * s + y * c).astype(int).ravel() + half
-        count = np.bincount(place, minlength=2 * half + 1)
-        total = np.bincount(place, (right * s + down * c).ravel(), minlength=2 * half + 1)
-        # lines that only cut a corner of the frame say little
-        lines[i] = np.where(count >= 0.5 * min(small.shape), total / np.maximum(count, 1), 0.0)
-    limit = WEAKEST * float(np.abs(lines).max())
-    if limit <= 0:
-        return None
-    for angle, line in zip(angles, lines, strict=True):
-        strength = np.abs(line)
-        peaks = np.flatnonzero((strength[1:-1] >= limit) & (strength[1:-1] >= np.maximum(strength[:-2], strength[2:])))
-        peaks += 1
+    for i, (angle, line) in enumerate(zip(edges.angles, edges.lines, strict=True)):
+        strength, peaks = np.abs(line), edges.peaks(i)
         for sign in (1, -1):
             rising, falling = peaks[sign * line[peaks] > 0], peaks[sign * line[peaks] < 0]
             if rising.size and falling.size and falling[-1] > rising[0]:

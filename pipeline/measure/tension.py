@@ -54,7 +54,7 @@ def measure_tension(raw: RawTension, window: tuple[float | None, float | None] |
         window=(start, end),
         estimate=mean_estimate(
             tension,
-            extra_u=(raw.resolution / math.sqrt(12), raw.calibration_u * mean),
+            extra_u={"resolution": raw.resolution / math.sqrt(12), "calibration": raw.calibration_u * mean},
             reason=_reason(raw, flag, int(tension.size)),
         ),
         rate=1 / sampling_interval(raw.time, raw.flag),

@@ -14,8 +14,8 @@ Geophysics 43, 1978), taken of the autocorrelation.
 
 Near the edge the optics mix the outermost surface with points further in only, because beyond it there is nothing, so
 a row would show a smaller γ than its own: rows within `EDGE` times the blur's σ of the edge are not used. Further in,
-the curvature of asin and the fall of Lambert's light shift the γ shown by +½ and −1 times σ²w/(R² − w²)^{3/2}: the sum
-lies within ±½ of that, for which nothing is corrected and `MAX_BLUR` limits σ/R.
+the curvature of asin and the fall of Lambert's light shift the γ shown by +½ and −1 times σ²w/(R² − w²)^{3/2}: each row
+is taken from the place where its γ shows (`lit.places_of`). Rows in a shadow darker than `DARKEST` are left out.
 
 The estimate is credible where all of this holds: the yarn is at least `MIN_DIAMETER` across and in focus; the mean
 correlation along the fibres is at least `MIN_COHERENCE`; no slope that is flatter or steeper by more than a factor of
@@ -28,27 +28,31 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import cv2
-import numba
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
-from scipy.ndimage import spline_filter1d
 
-from pipeline.measure.axis import Image, YarnAxis
+from models.compiled import compiled, inner
+from pipeline.measure.axis import Image, Pixels, YarnAxis, floats_around
+from pipeline.measure.lit import level, places_of
 from pipeline.records import Array
 
 Indices = NDArray[np.intp]
 
 MIN_DIAMETER = 20.0
 MAX_BLUR = 0.15
+MAX_BLUR_PX = 2.6
+"""Blur from which fibres mix, and a lens out of focus shows structure that is not there [px]."""
 MIN_TURNS = 0.1
-MIN_COHERENCE = 0.1
-MIN_CONTRAST = 0.3
+MIN_COHERENCE = 0.2
+MIN_CONTRAST = 0.5
 WIDEST = 0.8
 """Largest |w|/R used: further out the fibres lie too close to be told apart."""
 SLOPES = np.geomspace(0.04, 2.0, 72)
 """tan β = πdT searched, both signs: β from 2° to 63°."""
 SIGNED_SLOPES = np.concatenate([-SLOPES[::-1], [0.0], SLOPES])
+DARKEST = 0.2
+"""Least level of a row over the brightest one's."""
 EDGE = 2.5
 """Distance from the edge inside of which rows are not used, in standard deviations of the blur."""
 NEAREST = 3
@@ -75,14 +79,15 @@ class FrameTwist:
     """Why there is no twist; empty where there is."""
 
 
-def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
+def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     """Find the twist of the yarn on an axis of a frame, shape (rows, columns)."""
     if axis.diameter < MIN_DIAMETER:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     radius = axis.diameter / 2
-    if axis.blur > MAX_BLUR * radius:
-        found = f"the edges are blurred over {axis.blur:.1f} px: at most {MAX_BLUR * radius:.1f} px at this diameter"
+    limit = min(MAX_BLUR * radius, MAX_BLUR_PX)
+    if axis.blur > limit:
+        found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     texture = unroll(image, axis)
     if not np.any(texture):
@@ -90,27 +95,11 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
     farthest = min(GRID * round(FARTHEST * axis.diameter / GRID), GRID * (axis.length // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
-    ridges = spline_filter1d(_correlation(texture, lags, reach), axis=0)
-
-    slopes = SIGNED_SLOPES
-    scores = _stack(ridges, slopes, lags)
-    best = int(np.argmax(scores))
-    slope = float(slopes[best])
-    if scores[best] <= 0 or abs(slope) in (0.0, SLOPES[0], SLOPES[-1]):
+    slope, contrast, coherence = _search(_correlation(texture, lags, reach), lags)
+    if not slope:
         return FrameTwist(math.nan, 0.0, 0.0, "no inclined fibres stand out")
-    elsewhere = (slopes * slope <= 0) | (np.abs(slopes) > 2 * abs(slope)) | (np.abs(slopes) < abs(slope) / 2)
-    contrast = 1 - max(0.0, float(scores[elsewhere].max(initial=0.0)) / float(scores[best]))
-
-    coherence = 0.0
-    for _ in range(2):
-        # only lags whose ridge stays well inside the view, so that no slope near by gains by leaving it
-        used = int(np.searchsorted(1.2 * abs(slope) * lags, reach - 1))
-        if used < 3:
-            return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
-        fine = slope * np.linspace(0.88, 1.12, 49)
-        fine_scores = _stack(ridges, fine, lags[:used])
-        slope = _top(fine, fine_scores)
-        coherence = float(fine_scores.max()) / used
+    if not coherence:
+        return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
     twist = slope / (2 * math.pi * radius)
     turns = axis.length * abs(twist)
     reason = ""
@@ -123,27 +112,40 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, coherence, contrast, reason)
 
 
-def unroll(image: Image, axis: YarnAxis) -> Image:
+def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     """Resample the face of the yarn on its unrolled surface by bicubic interpolation.
 
     Returns
     -------
-    Shape (2m + 1, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
+    Shape (rows, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
     trend along x and with unit variance.
     """
     radius = axis.diameter / 2
-    count = math.floor(math.asin(min(WIDEST, 1 - EDGE * axis.blur / radius)) * radius)
-    across = radius * np.sin(np.arange(-count, count + 1) / radius)
-    along = np.arange(axis.length) - (axis.length - 1) / 2
-    c, s = math.cos(axis.angle), math.sin(axis.angle)
-    x = np.add.outer((axis.centre[0] + s * across).astype(np.float32), (c * along).astype(np.float32))
-    y = np.add.outer((axis.centre[1] + c * across).astype(np.float32), (-s * along).astype(np.float32))
-    texture = cv2.remap(image, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
+    gamma = np.arange(-count, count + 1) / radius
+    bright = level(gamma, axis.light, axis.shade)
+    gamma = gamma[bright >= DARKEST * bright.max()]
+    across = places_of(gamma, radius, axis.blur, axis.light, axis.shade)
+    x, y = _places(axis.centre[0], axis.centre[1], axis.angle, across, axis.length)
+    pixels = floats_around(image, axis.centre, axis.angle, radius, axis.length)
+    texture = cv2.remap(pixels, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     trend = _trend(axis.length)
     texture -= (texture @ trend) @ trend.T
     spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / axis.length)[:, None]
     texture /= np.where(spread > 0, spread, 1)
     return texture  # pyright: ignore[reportReturnType]
+
+
+@compiled
+def _places(x: float, y: float, angle: float, across: Array, length: int) -> tuple[Image, Image]:
+    """Return where in the frame the rows `across` from the axis lie, columns and rows [px], shape (across, length)."""
+    columns, rows = np.empty((across.size, length), np.float32), np.empty((across.size, length), np.float32)
+    c, s = math.cos(angle), math.sin(angle)
+    for i in range(across.size):
+        for j in range(length):
+            along = j - (length - 1) / 2
+            columns[i, j], rows[i, j] = x + s * across[i] + c * along, y + c * across[i] - s * along
+    return columns, rows
 
 
 @lru_cache(maxsize=64)
@@ -158,30 +160,110 @@ def _lags(farthest: int) -> Indices:
 
 
 @lru_cache(maxsize=16)
-def _harmonics(length: int, farthest: int) -> Image:
-    """Return the real inverse transform of `length` samples at the lags alone: cosines, then sines."""
+def _harmonics(length: int, farthest: int) -> tuple[Image, Image]:
+    """Return the real inverse transform of `length` samples at the lags alone: its cosines and its sines."""
     angle = 2 * math.pi / length * np.outer(np.arange(length // 2 + 1), _lags(farthest))
     # of each pair of conjugate wave numbers one is held, of 0 and the middle one there is no pair
     single = (np.arange(length // 2 + 1) % (length / 2) == 0)[:, None]
-    return (np.hstack([np.cos(angle), np.sin(angle)]) * np.where(single, 1, 2) / length).astype(np.float32)
+    weight = np.where(single, 1, 2) / length
+    return (weight * np.cos(angle)).astype(np.float32), (weight * np.sin(angle)).astype(np.float32)
 
 
 def _correlation(texture: Image, lags: Indices, reach: int) -> Array:
-    """Return C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags)."""
+    """Return C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags).
+
+    By transforms along x, where both texture and lags are long, and by sums over pairs of rows in γ, where they are
+    short; of the transform back only the lags wanted are computed.
+    """
     rows, columns = texture.shape
     farthest = int(lags[-1])
     length = scipy.fft.next_fast_len(GRID * math.ceil((columns + farthest) / GRID), real=True)
-    height = scipy.fft.next_fast_len(rows + reach)
-    spectrum = scipy.fft.fft(scipy.fft.rfft(texture, length, axis=1), height, axis=0, overwrite_x=True)
-    power = spectrum.real**2 + spectrum.imag**2
-    halves = power @ _harmonics(length, farthest)
-    full = scipy.fft.ifft(halves[:, : lags.size] + 1j * halves[:, lags.size :], axis=0).real
-    shift = np.arange(-reach, reach + 1)
-    pairs = np.outer(rows - np.abs(shift), columns - lags)
-    return full[shift] / pairs
+    even, odd = _cross_spectra(scipy.fft.rfft(texture, length, axis=1), reach)
+    cosines, sines = _harmonics(length, farthest)
+    even, odd = even @ cosines, odd @ sines
+    pairs = np.outer(rows - np.abs(np.arange(-reach, reach + 1)), columns - lags)
+    # −Δγ at Δx is Δγ at −Δx, where the sines change sign
+    return np.concatenate([(even + odd)[:0:-1], even - odd]) / pairs
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
+def _cross_spectra(spectra: NDArray[np.complex64], reach: int) -> tuple[Image, Image]:
+    """Return Σ_r S_r* S_{r+d} of the rows' spectra S for d = 0 … reach: real and imaginary parts, (reach + 1, waves).
+
+    Parameters
+    ----------
+    spectra : shape (rows, waves), more rows than `reach`.
+    """
+    rows, waves = spectra.shape
+    re, im = spectra.real.copy(), spectra.imag.copy()
+    even, odd = np.zeros((reach + 1, waves), np.float32), np.zeros((reach + 1, waves), np.float32)
+    for d in range(reach + 1):
+        into_even, into_odd = even[d], odd[d]
+        for r in range(rows - d):
+            a, b, c, e = re[r], im[r], re[r + d], im[r + d]
+            for k in range(waves):
+                into_even[k] += a[k] * c[k] + b[k] * e[k]
+                into_odd[k] += a[k] * e[k] - b[k] * c[k]
+    return even, odd
+
+
+@compiled
+def _search(correlation: Array, lags: Indices) -> tuple[float, float, float]:
+    """Return the slope tan β with the largest Q, its contrast and its coherence, see `FrameTwist`.
+
+    The slope is 0 where none has its maximum inside of the range searched, the coherence where fewer than three Δx
+    keep the ridge in view.
+
+    Parameters
+    ----------
+    correlation : C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags).
+    """
+    ridges, reach = _spline(correlation), correlation.shape[0] // 2
+    scores = _stack(ridges, SIGNED_SLOPES, lags)
+    best = np.argmax(scores)
+    slope, elsewhere = SIGNED_SLOPES[best], 0.0
+    if scores[best] <= 0 or abs(slope) <= SLOPES[0] or abs(slope) >= SLOPES[-1]:
+        return 0.0, 0.0, 0.0
+    for i in range(scores.size):
+        ratio = SIGNED_SLOPES[i] / slope
+        if ratio <= 0 or ratio > 2 or ratio < 0.5:
+            elsewhere = max(elsewhere, scores[i])
+    contrast, coherence = 1 - elsewhere / scores[best], 0.0
+    for _ in range(2):
+        # only lags whose ridge stays well inside the view, so that no slope near by gains by leaving it
+        used = np.searchsorted(1.2 * abs(slope) * lags, reach - 1)
+        if used < 3:
+            return slope, contrast, 0.0
+        fine = slope * np.linspace(0.88, 1.12, 49)
+        fine_scores = _stack(ridges, fine, lags[:used])
+        slope, coherence = _top(fine, fine_scores), fine_scores.max() / used
+    return slope, contrast, coherence
+
+
+@inner
+def _spline(values: Array) -> Array:
+    """Return the coefficients of the cubic spline through each column's values, mirrored at its ends.
+
+    Unser, Aldroubi and Eden, IEEE Trans. Signal Process. 41 (1993) 834: one recursion down and one up.
+    """
+    rows, columns = values.shape
+    pole = math.sqrt(3) - 2
+    c = 6 * values
+    for j in range(columns):
+        total, power, far = c[0, j] + pole ** (rows - 1) * c[rows - 1, j], pole, pole ** (rows - 1)
+        for i in range(1, rows - 1):
+            total += power * (c[i, j] + far * c[rows - 1 - i, j])
+            power *= pole
+        c[0, j] = total / (1 - far * far)
+        for i in range(1, rows):
+            c[i, j] += pole * c[i - 1, j]
+        c[rows - 1, j] = pole / (pole * pole - 1) * (pole * c[rows - 2, j] + c[rows - 1, j])
+        for i in range(rows - 2, -1, -1):
+            c[i, j] = pole * (c[i + 1, j] - c[i, j])
+    return c
+
+
+@inner
 def _stack(ridges: Array, slopes: Array, lags: Indices) -> Array:
     """Return Q for slopes tan β: the sum over Δx of C on the lines Δγ = tan β·Δx/R, by cubic splines in Δγ.
 
@@ -193,31 +275,37 @@ def _stack(ridges: Array, slopes: Array, lags: Indices) -> Array:
     """
     rows = ridges.shape[0]
     sums = np.zeros(slopes.size)
-    taps = np.empty(4)
-    for i in range(slopes.size):
-        for j in range(lags.size):
+    for j in range(lags.size):
+        for i in range(slopes.size):
             place = rows // 2 + slopes[i] * lags[j]
-            first = math.floor(place)
-            t = place - first
-            taps[0] = (1 - t) ** 3
-            taps[1] = 4 - 6 * t**2 + 3 * t**3
-            taps[2] = 4 - 6 * (1 - t) ** 2 + 3 * (1 - t) ** 3
-            taps[3] = t**3
-            for k in range(4):
-                row = first - 1 + k
-                if 0 <= row < rows:
-                    sums[i] += taps[k] * ridges[row, j] / 6
-    return sums
+            row = math.floor(place)
+            if row < -2 or row > rows:
+                continue
+            t = place - row
+            u = 1 - t
+            # beyond the first and the last row the coefficients are taken for 0
+            if row >= 0:
+                sums[i] += (4 - 3 * t * t * (1 + u)) * ridges[row, j] if row < rows else 0.0
+            if row >= 1:
+                sums[i] += u * u * u * ridges[row - 1, j]
+            if -1 <= row < rows - 1:
+                sums[i] += (4 - 3 * u * u * (1 + t)) * ridges[row + 1, j]
+            if row < rows - 2:
+                sums[i] += t * t * t * ridges[row + 2, j]
+    return sums / 6
 
 
 PARABOLA = np.linalg.pinv(np.vander(np.arange(-5.0, 6.0), 3))
 """Coefficients of the least-squares parabola through eleven evenly spaced samples."""
 
 
+@inner
 def _top(x: Array, y: Array) -> float:
     """Return the place of the maximum of evenly spaced samples, refined by a parabola through eleven of them."""
-    best = int(np.clip(np.argmax(y), 5, x.size - 6))
-    near = slice(best - 5, best + 6)
+    best = min(max(np.argmax(y), 5), x.size - 6)
+    a, b = 0.0, 0.0
+    for i in range(11):
+        a += PARABOLA[0, i] * y[best - 5 + i]
+        b += PARABOLA[1, i] * y[best - 5 + i]
     step = x[1] - x[0]
-    a, b, _ = PARABOLA @ y[near]
-    return float(x[best] + step * np.clip(-b / (2 * a), -5, 5)) if a < 0 else float(x[best])
+    return x[best] + step * min(max(-b / (2 * a), -5.0), 5.0) if a < 0 else x[best]

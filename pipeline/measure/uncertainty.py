@@ -1,7 +1,7 @@
 """Uncertainty of a mean over correlated samples (GUM type A) and of several means that should agree."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -32,14 +32,14 @@ def effective_count(samples: Array) -> float:
     return float(np.clip(n / time, 1.0, n)) if time > 0 else float(n)
 
 
-def mean_estimate(samples: Array, *, extra_u: Sequence[float] = (), reason: str = "") -> Estimate:
+def mean_estimate(samples: Array, *, extra_u: Mapping[str, float] | None = None, reason: str = "") -> Estimate:
     """Estimate the mean of samples that may contain NaN (left out), with u = √(s²/n_eff + Σ extra_u²).
 
     Parameters
     ----------
     samples : shape (n,), any unit, NaN where flagged.
-    extra_u : standard uncertainties common to all samples (resolution, calibration, scale), same unit; NaN terms
-        are not stated and left out, so say so in `reason`.
+    extra_u : standard uncertainties common to all samples (resolution, calibration, scale) by name, same unit; NaN
+        terms are not stated and left out, so say so in `reason`.
     """
     good = samples[np.isfinite(samples)]
     if good.size < 2:
@@ -51,9 +51,11 @@ def mean_estimate(samples: Array, *, extra_u: Sequence[float] = (), reason: str 
     n_eff = effective_count(good)
     deviation = float(good.std(ddof=1))
     mean = float(good.mean())
-    terms = [deviation**2 / n_eff] + [u * u for u in extra_u if math.isfinite(u)]
+    terms = {"sampling": deviation / math.sqrt(n_eff)}
+    terms |= {name: u for name, u in (extra_u or {}).items() if math.isfinite(u)}
     cv = abs(deviation / mean) if mean else math.nan
-    return Estimate(mean=mean, u=math.sqrt(sum(terms)), cv=cv, n=int(good.size), n_eff=n_eff, reason=reason)
+    u = math.hypot(*terms.values())
+    return Estimate(mean=mean, u=u, cv=cv, n=int(good.size), n_eff=n_eff, reason=reason, u_terms=terms)
 
 
 def combine(estimates: Sequence[Estimate]) -> Estimate:

@@ -21,10 +21,10 @@ median absolute deviation) keep their values and are flagged, but do not enter t
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,19 +32,38 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import YarnAxis, find_axis, straighten
+from pipeline.measure.axis import MAX_MISFIT, Pixels, YarnAxis, expected, find_axis, straighten
+from pipeline.measure.hairs import hairiness
+from pipeline.measure.pitch import ply_twist
+from pipeline.measure.rotation import helix_turn
+from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
 
-METHODS = ("surface",)
-"""Known ways to measure twist: 'surface' is the slope of the fibres on a single yarn's unrolled surface."""
+METHODS = ("surface", "ply", "tracer")
+"""Known ways to measure twist: the slope of the fibres on a single yarn's unrolled surface (`twist.py`), the period of
+a plied yarn's strands (`pitch.py`), a tracer fibre (`tracer.py`)."""
 
-METHOD_U_ANGLE = math.radians(0.02)
-METHOD_U_DIAMETER = 0.01
-METHOD_U_TWIST = 0.01
+METHOD_U_ANGLE = math.radians(0.01)
+METHOD_U_DIAMETER = 0.003
+METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see tests/measure/test_yarn_truth.py."""
+errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. For the slope of fibres and for a tracer it
+is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not mend."""
+METHOD_U_TURN = 0.4 / 360
+"""Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
+
+FARTHEST_LIGHT = 1.3
+"""Direction of the light from which on the far edge is not seen [rad]."""
+MAX_BLUR = 0.15
+"""Blur over the radius above which an edge cannot be told from the body."""
+MIN_CREDIBLE = 0.3
+"""Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
+PAIRS = 100
+"""Pairs of frames in a clip, about, that the helix' turn is looked at in."""
+MIN_RESOLVED = 0.6
+"""Share of the pairs looked at that must show a turn."""
 
 OUTLYING = 5.0
 SATURATED_SHARE = 0.01
@@ -57,9 +76,6 @@ THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
 
 
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
-
-
 @dataclass(frozen=True, slots=True)
 class _Frame:
     """What was measured in one frame."""
@@ -67,6 +83,12 @@ class _Frame:
     flag: FrameFlag
     axis: YarnAxis | None = None
     twist: FrameTwist | None = None
+    hairs: float = math.nan
+    """[1/px]"""
+    turn: float = math.nan
+    """Turn of the helix until the next frame [rad]; NaN where not resolved or not looked at."""
+    doubt: str = ""
+    """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
     """The frame for the contact sheet, where it is to be there."""
 
@@ -77,6 +99,8 @@ def measure_yarn(
     *,
     cylinder_axis: float | None,
     method: str = "surface",
+    plies: int | None = None,
+    speed: float | None = None,
     threads: int | None = None,
 ) -> YarnMeasurement:
     """Measure the yarn in every frame of a clip; a few chunks of frames are held in memory at a time.
@@ -87,47 +111,67 @@ def measure_yarn(
     scale : object scale; without its uncertainty the means' u lack that term, and `reason` says so.
     cylinder_axis : direction of e_z [rad], counter-clockwise from +x as displayed; without it θ is NaN.
     method : one of `METHODS`.
+    plies : strands of a plied yarn, for the method 'ply', at least 2.
+    speed : of the yarn along its axis [m/s]; with it the summary holds its rotation.
     threads : how many measure at once; as many as there are processors if not given. The numbers do not depend on it.
 
     Raises
     ------
     InputError
-        If the method is not known or the scale is not a positive number. Frames that cannot be read are flagged.
+        If the method is not known or lacks its number of plies, or if the scale is not a positive number. Frames that
+        cannot be read are flagged.
     """
-    if method not in METHODS:
-        raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
-    if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
-        raise InputError(
-            "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
-        )
+    _check_call(method, plies, scale)
     n = len(video.frames)
     angle, twist, diameter = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
     centre = np.full((n, 2), np.nan)
+    hairs, turn = np.full(n, np.nan), np.full(n, np.nan)
     confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
-    reasons: Counter[str] = Counter()
+    reasons, doubts = Counter[str](), Counter[str]()
     images: dict[int, NDArray[np.uint8]] = {}
-    for i, found in enumerate(_measure_frames(video, threads or os.cpu_count() or 1)):
+    misfits: list[float] = []
+    for i, found in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
         flag[i] = found.flag
         if found.axis is None or found.twist is None:
             continue
         axis = found.axis
-        centre[i], angle[i], diameter[i], twist[i] = axis.centre, axis.angle, axis.diameter, found.twist.per_pixel
+        centre[i], angle[i], twist[i] = axis.centre, axis.angle, found.twist.per_pixel
+        hairs[i], turn[i] = found.hairs, found.turn
+        if found.doubt:
+            doubts[found.doubt] += 1
+        else:
+            diameter[i] = axis.diameter
+            misfits.append(axis.misfit)
         confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.twist.coherence) * (not found.twist.reason))
         if found.twist.reason:
             reasons[found.twist.reason] += 1
         if found.reduced is not None:
             images[i] = found.reduced
 
+    credible, seen = np.count_nonzero(np.isfinite(twist)), np.count_nonzero(np.isfinite(angle))
+    if credible < MIN_CREDIBLE * seen:
+        twist[:] = math.nan
+        flag[np.isfinite(angle)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
     diameter *= scale.metres_per_pixel
     twist /= scale.metres_per_pixel
+    hairs /= scale.metres_per_pixel
     if video.bits <= REDUCED_BITS:
         flag |= np.uint16(FrameFlag.REDUCED_DEPTH)
     flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
     theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
     kept = (flag & FrameFlag.OUTLIER) == 0
-    summary = _summary({"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}, kept, scale)
+    # what the profile's model leaves unexplained counts against the diameter
+    relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER, float(np.median(misfits or [0.0])))}
+    relative_u["twist"] = METHOD_U_TWIST[method]
+    series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
+    summary = _summary(series, kept, scale, relative_u)
     if cylinder_axis is None:
         summary["theta_B"] = Estimate(math.nan, n=0, reason="no cylinder axis was given")
+    summary["hairiness"] = mean_estimate(hairs, reason="crossings beside the yarn: not a standard's hairiness")
+    rotation = _rotation(video.time, turn, angle, cylinder_axis)
+    summary["helix_rotation"] = _mean_rotation(rotation, video.rate)
+    if speed is not None:
+        summary["rotation"] = _yarn_rotation(summary["helix_rotation"], summary["twist"], speed)
     mean_twist = summary["twist"].mean
     return YarnMeasurement(
         raw=video,
@@ -141,12 +185,25 @@ def measure_yarn(
         summary=summary,
         handedness="" if math.isnan(mean_twist) else "Z" if mean_twist > 0 else "S",
         centre=centre,
-        reason=_reason(video, scale, flag, reasons),
+        hairiness=hairs,
+        helix_rotation=rotation,
+        reason=_reason(video, scale, flag, reasons, doubts),
         thumbnails=tuple(
             _thumbnail(i, image, video.shape, centre[i], angle[i], diameter[i] / scale.metres_per_pixel, twist[i])
             for i, image in images.items()
         ),
     )
+
+
+def _check_call(method: str, plies: int | None, scale: Scale) -> None:
+    if method not in METHODS:
+        raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
+    if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
+        raise InputError("plies", f"{plies} with the method '{method}'", "2 or more with the method 'ply', else none")
+    if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
+        raise InputError(
+            "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
+        )
 
 
 def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
@@ -157,16 +214,21 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
         ("axis_angle", "axis_angle_deg", math.degrees(1)),
         ("twist", "twist_tpm", 1.0),
         ("diameter", "diameter_mm", 1e3),
+        ("hairiness", "hairiness_per_m", 1.0),
+        ("helix_rotation", "helix_rotation_per_s", 1.0),
+        ("rotation", "rotation_per_s", 1.0),
     ):
-        estimate = measurement.summary[key]
-        if key == "theta_B" and not np.any(np.isfinite(measurement.theta)):
+        if key not in measurement.summary or (key == "theta_B" and not np.any(np.isfinite(measurement.theta))):
             continue
+        estimate = measurement.summary[key]
         summary[name] = {
             "mean": _number(estimate.mean * unit),
             "cv_percent": _number(estimate.cv * 100),
             "n": estimate.n,
             "n_eff": _number(estimate.n_eff),
             "u": _number(estimate.u * unit),
+            "u_terms": {name: u * unit for name, u in estimate.u_terms.items()},
+            "reason": estimate.reason,
         }
     return {
         "frames": len(measurement.flag),
@@ -175,6 +237,8 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
         "axis_angle_deg": _numbers(np.degrees(measurement.axis_angle)),
         "twist_tpm": _numbers(measurement.twist),
         "diameter_mm": _numbers(measurement.diameter * 1e3),
+        "hairiness_per_m": _numbers(measurement.hairiness),
+        "helix_rotation_per_s": _numbers(measurement.helix_rotation),
         "confidence": _numbers(measurement.confidence),
         "flag": [" ".join(f.name or "" for f in FrameFlag if f & int(bits)) for bits in measurement.flag],
         "summary": summary,
@@ -192,15 +256,19 @@ def _numbers(values: Array) -> list[float | None]:
     return [_number(value) for value in values]
 
 
-def _measure_frames(video: RawVideo, threads: int) -> Iterator[_Frame]:
+def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> Iterator[_Frame]:
     """Yield what is found in each frame, in order; at most `threads` + 2 chunks of frames are held at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
+    looked_at = _looked_at(n)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
         for start in range(0, n, CHUNK):
             frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
-            running.append(pool.submit(_measure_chunk, frames, video.bits, {i - start for i in shots}))
+            pairs = looked_at[start : start + len(frames)]
+            running.append(
+                pool.submit(_measure_chunk, frames, video.bits, method, plies, {i - start for i in shots}, pairs)
+            )
             if len(running) > threads:
                 yield from running.popleft().result()
         while running:
@@ -226,24 +294,106 @@ def _read(frames: Frames, index: int) -> Pixels | None:
         return None
 
 
-def _measure_chunk(frames: Sequence[Pixels | None], bits: int, shots: set[int]) -> list[_Frame]:
-    """Measure successive frames; `shots` are the places of those that go on the contact sheet."""
-    found, axis = [], None
+def _looked_at(n: int) -> NDArray[np.bool_]:
+    """Say for which of n frames the helix' turn until the next is looked at: both are in one chunk."""
+    chosen = np.arange(n) % CHUNK % max(1, n // PAIRS) == 0
+    return chosen & (np.arange(n) % CHUNK < CHUNK - 1) & (np.arange(n) < n - 1)
+
+
+def _twist(image: Pixels, axis: YarnAxis, method: str, plies: int) -> FrameTwist:
+    if method == "ply":
+        return ply_twist(image, axis, plies)
+    return tracer_twist(image, axis) if method == "tracer" else surface_twist(image, axis)
+
+
+def _doubt(axis: YarnAxis) -> str:
+    """Say why the diameter is not credible; empty where it is."""
+    radius = axis.diameter / 2
+    if axis.blur > MAX_BLUR * radius:
+        return f"the edges are blurred over {axis.blur:.1f} px: at most {MAX_BLUR * radius:.1f} px at this diameter"
+    if abs(axis.light) > FARTHEST_LIGHT:
+        angle = math.degrees(abs(axis.light))
+        return f"the light comes from {angle:.0f}° beside the camera: the far edge is in the dark"
+    if axis.misfit > MAX_MISFIT:
+        return f"the profile is not that of a round body: {100 * axis.misfit:.0f} % of its height is left unexplained"
+    return ""
+
+
+def _measure_chunk(
+    frames: Sequence[Pixels | None],
+    bits: int,
+    method: str,
+    plies: int,
+    shots: set[int],
+    pairs: NDArray[np.bool_],
+) -> list[_Frame]:
+    """Measure successive frames.
+
+    Parameters
+    ----------
+    frames : None where one cannot be read.
+    shots : places of those that go on the contact sheet.
+    pairs : whether the turn until the next frame is looked at, shape (frames,).
+    """
+    found: list[_Frame] = []
+    axis, before, seen = None, None, None
     for i, frame in enumerate(frames):
+        last, seen = seen, None
         if frame is None:
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
-        image = frame.astype(np.float32)
-        axis = find_axis(image, axis)
+        axis, before = find_axis(frame, axis if axis is None or before is None else expected(axis, before)), axis
         if axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
             continue
-        twist = surface_twist(image, axis)
+        doubt = _doubt(axis)
+        twist = _twist(frame, axis, method, plies)
+        if doubt and method == "surface" and not twist.reason:  # its surface is unrolled by the diameter
+            twist = replace(twist, per_pixel=math.nan, reason=doubt)
         flag = FrameFlag.TWIST_NOT_CREDIBLE if twist.reason else FrameFlag(0)
+        if doubt:
+            flag |= FrameFlag.DIAMETER_NOT_CREDIBLE
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
-        found.append(_Frame(flag, axis, twist, _reduced(frame) if i in shots else None))
+        if last is not None and pairs[i - 1] and not doubt:
+            turn = helix_turn(last[0], frame, (last[1], axis), last[2])
+            found[-1] = replace(found[-1], turn=turn)
+        if math.isfinite(twist.per_pixel) and not doubt:
+            seen = frame, axis, twist.per_pixel
+        crossings = hairiness(frame, axis)
+        found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=_reduced(frame) if i in shots else None))
     return found
+
+
+def _rotation(time: Array, turn: Array, angle: Array, cylinder_axis: float | None) -> Array:
+    """Return the helix' turns a second until the next frame, about the direction of travel, shape (n,).
+
+    The yarn travels to the right of e_z; where that is not given, in the direction of the axis' mean angle in [0, π).
+    """
+    rate = turn / (2 * math.pi * np.append(np.diff(time), np.nan))
+    travel = _unwrapped(angle)
+    if cylinder_axis is not None:  # θ in (0, π) makes e_z − θ the direction of travel
+        travel = cylinder_axis - np.mod(cylinder_axis - angle, math.pi)
+    # the axis' angle is that direction or the opposite
+    return rate * np.where(np.cos(travel - angle) > 0, 1, -1)
+
+
+def _mean_rotation(rotation: Array, rate: float) -> Estimate:
+    looked = int(np.count_nonzero(_looked_at(rotation.size)))
+    known = int(np.count_nonzero(np.isfinite(rotation)))
+    if known < max(2, MIN_RESOLVED * looked):
+        why = f"the surface was seen again in {known} of {looked} pairs of frames: it turned or travelled too far"
+        return Estimate(math.nan, n=known, reason=why)
+    alias = f"what turns by a further whole turn between frames ({rate:g} turns a second) looks the same"
+    return mean_estimate(rotation, extra_u={"method": METHOD_U_TURN * rate}, reason=alias)
+
+
+def _yarn_rotation(helix: Estimate, twist: Estimate, speed: float) -> Estimate:
+    """Rotation of the yarn [1/s], right-handed about its travel: what the helix turns and what travels through it."""
+    mean = helix.mean + speed * twist.mean
+    terms = {"helix": helix.u, "twist": abs(speed) * twist.u}
+    reason = helix.reason or twist.reason
+    return Estimate(mean, math.hypot(*terms.values()), n=helix.n, n_eff=helix.n_eff, reason=reason, u_terms=terms)
 
 
 def _saturated(frame: Pixels, axis: YarnAxis, bits: int) -> bool:
@@ -275,7 +425,9 @@ def _unwrapped(angles: Array) -> Array:
     return middle + np.mod(angles - middle + math.pi / 2, math.pi) - math.pi / 2
 
 
-def _summary(series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale) -> dict[str, Estimate]:
+def _summary(
+    series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale, relative_u: Mapping[str, float]
+) -> dict[str, Estimate]:
     dropped = int(np.count_nonzero(~kept))
     left_out = [f"{dropped} outlying frames left out"] if dropped else []
     no_scale_u = [] if math.isfinite(scale.relative_u) else ["the scale's uncertainty is not stated and not in u"]
@@ -283,17 +435,19 @@ def _summary(series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale) ->
     for name, values in series.items():
         if name in ("axis_angle", "theta_B"):
             used = np.where(kept, _unwrapped(values), np.nan)
-            terms, notes = [METHOD_U_ANGLE], left_out
+            terms, notes = {"method": METHOD_U_ANGLE}, left_out
         else:
             used = np.where(kept, values, np.nan)
             level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
-            method_u = METHOD_U_TWIST if name == "twist" else METHOD_U_DIAMETER
-            terms, notes = [method_u * level, scale.relative_u * level], left_out + no_scale_u
+            terms = {"method": relative_u[name] * level, "scale": scale.relative_u * level}
+            notes = left_out + no_scale_u
         estimates[name] = mean_estimate(used, extra_u=terms, reason="; ".join(notes))
     return estimates
 
 
-def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Counter[str]) -> str:
+def _reason(
+    video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Counter[str], doubts: Counter[str]
+) -> str:
     n = len(flag)
     parts = []
     for bit, what in (
@@ -308,6 +462,9 @@ def _reason(video: RawVideo, scale: Scale, flag: NDArray[np.uint16], reasons: Co
     if reasons:
         text, _ = reasons.most_common(1)[0]
         parts.append(f"twist is not credible in {sum(reasons.values())} of {n} frames: {text}")
+    if doubts:
+        text, _ = doubts.most_common(1)[0]
+        parts.append(f"the diameter is not credible in {sum(doubts.values())} of {n} frames: {text}")
     if video.bits <= REDUCED_BITS:
         parts.append(f"the clip holds {video.bits} bits where the camera's depth is 12: the texture's depth is lost")
     if not math.isfinite(scale.relative_u):

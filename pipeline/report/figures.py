@@ -283,13 +283,15 @@ def _extremes(time: Array, value: Array) -> tuple[Array, Array]:
 
 @styled
 def clip_series(tree: xr.DataTree, case: str, clip: int) -> Figure:
-    """Angle, twist and diameter in every frame of one clip, and their distributions."""
+    """Angle, twist, diameter, hairs and the helix' rotation in every frame of one clip, and their distributions."""
     data = tree[f"measured/{case}/yarn_{clip}"].to_dataset()
     angle = "theta" if np.isfinite(data["theta"]).any() else "axis_angle"
     panels = (
         (angle, f"summary_{'theta_B' if angle == 'theta' else angle}", "angle θ_B (°)", math.degrees(1)),
         ("twist", "summary_twist", "twist (tpm)", 1.0),
         ("diameter", "summary_diameter", "diameter (mm)", 1e3),
+        ("hairiness", "summary_hairiness", "hairs (1/mm)", 1e-3),
+        ("helix_rotation", "summary_helix_rotation", "helix turns (1/s)", 1.0),
     )
     counts = ", ".join(
         f"{name.replace('_', ' ')} {int(np.sum(data['flag'].values & mask != 0))}"
@@ -301,8 +303,8 @@ def clip_series(tree: xr.DataTree, case: str, clip: int) -> Figure:
     )
     if data.attrs["reason"]:
         caption += f" Not given: {data.attrs['reason']}."
-    figure = _figure(tree, caption, height=6.0)
-    grid = figure.subplots(3, 2, sharex="col", sharey="row", gridspec_kw={"width_ratios": [3, 1]})
+    figure = _figure(tree, caption, height=9.0)
+    grid = figure.subplots(len(panels), 2, sharex="col", sharey="row", gridspec_kw={"width_ratios": [3, 1]})
     for (left, right), (name, summary, label, scale) in zip(grid, panels, strict=True):
         values = data[name].values * scale
         good = values[np.isfinite(values)]
@@ -314,8 +316,8 @@ def clip_series(tree: xr.DataTree, case: str, clip: int) -> Figure:
         left.plot(data["time"].values * 1e3, values, ".", color=MEASURED, markersize=4)
         left.axhline(float(data[summary]) * scale, color="#0072B2", linewidth=1.2)
         right.hist(good, bins="sturges", orientation="horizontal", color="#8a8a8a")
-    grid[2, 0].set_xlabel("time (ms)")
-    grid[2, 1].set_xlabel("frames")
+    grid[-1, 0].set_xlabel("time (ms)")
+    grid[-1, 1].set_xlabel("frames")
     return figure
 
 

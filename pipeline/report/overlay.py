@@ -122,6 +122,8 @@ def _text(measured: YarnMeasurement, index: int) -> list[str]:
         (math.degrees(measured.theta[index]), "deg", "theta"),
         (measured.diameter[index] * 1e3, "mm", "d"),
         (measured.twist[index], "tpm", "T"),
+        (measured.hairiness[index] * 1e-3, "/mm", "hairs"),
+        (measured.helix_rotation[index], "1/s", "helix"),
     ):
         values.append(f"{name} {value:.5g} {unit}" if math.isfinite(value) else f"{name} -")
     flags = " ".join(f.name or "" for f in FrameFlag if f & int(measured.flag[index]))

@@ -46,7 +46,7 @@ def test_u_covers_the_true_mean(a):
 
 def test_mean_estimate_terms():
     samples = np.array([1.0, 2.0, np.nan, 4.0, 3.0])
-    e = mean_estimate(samples, extra_u=(0.3, math.nan, 0.4), reason="why")
+    e = mean_estimate(samples, extra_u={"a": 0.3, "b": math.nan, "c": 0.4}, reason="why")
     plain = mean_estimate(samples)
     assert (e.mean, e.n, e.reason) == (2.5, 4, "why")
     assert e.cv == pytest.approx(math.sqrt(5 / 3) / 2.5)

@@ -6,8 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import study_folders as studies
+import tifffile
 
+from pipeline.case import load_case
+from pipeline.ingest.raw import read_raw
 from pipeline.ingest.video import open_video
+from pipeline.measure.case import measure_case
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import Scale
 from pipeline.synthetic import FRAME_RATE, RIG
@@ -39,3 +44,18 @@ def test_the_rig_measures_as_its_truth(case):
     assert m.summary["twist"].cv == pytest.approx(case.twist[1], abs=0.01)
     assert math.degrees(m.summary["theta_B"].mean) == pytest.approx(case.theta[0], abs=0.1)
     assert m.summary["theta_B"].cv == pytest.approx(case.theta[1], abs=0.001)
+
+
+def test_a_case_takes_its_scale_from_the_cylinder_in_another_image(tmp_path):
+    """A synthetic cylinder of 6 mm and 1200 px: 5 µm per pixel, as the clip was made with."""
+    folder = studies.raw(tmp_path / "study", frames=3) / "only"
+    given = "scale_um_per_px = { value = 5.0, cv_percent = 0.3 }"
+    studies.edit(folder / "case.toml", given, 'scale_from_diameter_mm = 6\nscale_image = "cylinder.tif"')
+    image = np.full((600, 1600), 300, np.uint16)
+    image[:, 200:1400] = 2500
+    tifffile.imwrite(folder / "cylinder.tif", image)
+    case = load_case(folder / "case.toml")
+    measured = measure_case(case, *read_raw(case.raw, folder))
+    assert measured.diameter.mean == pytest.approx(0.16e-3, rel=0.01)
+    assert 0 < measured.diameter.u_terms["scale"] < 0.003 * 0.16e-3
+    assert "rotation" in measured.yarn[0].summary

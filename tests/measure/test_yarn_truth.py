@@ -200,10 +200,14 @@ def test_json_has_the_contract_s_keys_and_no_nan():
     document = measure_json(measured([*images, None], 32))
     assert set(document) == {
         "frames", "fps", "time_s", "axis_angle_deg", "twist_tpm", "diameter_mm", "confidence", "flag", "summary",
-        "method", "handedness", "reason",
+        "method", "handedness", "reason", "hairiness_per_m", "helix_rotation_per_s",
     }  # fmt: skip
-    assert set(document["summary"]) == {"theta_B_deg", "axis_angle_deg", "twist_tpm", "diameter_mm"}
-    assert set(document["summary"]["twist_tpm"]) == {"mean", "cv_percent", "n", "n_eff", "u"}
+    assert set(document["summary"]) == {
+        "theta_B_deg", "axis_angle_deg", "twist_tpm", "diameter_mm", "hairiness_per_m", "helix_rotation_per_s",
+    }  # fmt: skip
+    twist = document["summary"]["twist_tpm"]
+    assert set(twist) == {"mean", "cv_percent", "n", "n_eff", "u", "u_terms", "reason"}
+    assert math.hypot(*twist["u_terms"].values()) == pytest.approx(twist["u"])
     assert document["twist_tpm"][3] is None
     assert document["flag"] == ["", "", "", "UNREADABLE"]
     assert document["summary"]["theta_B_deg"]["mean"] == pytest.approx(50, abs=0.1)

@@ -1,0 +1,129 @@
+"""Whether a clip's numbers and their stated uncertainties can be believed: rendered clips, drawn at random.
+
+    python benchmarks/measure_coverage.py [FOLDER]      (default: reports)
+
+writes measure_coverage.csv: one row per clip, and prints the statistics. All frames are synthetic. Single yarn: 20 to
+60 px, 300 to 1500 turns per metre of a yarn of 0.16 mm, S and Z, angle 20° to 160°, 0 to 6 hairs per diameter, signal
+to noise 10 to 100, blur 0.5 to 2 px, up to 20° of rotation in the exposure of every third clip, light up to 60° beside
+the camera. The yarn runs through the clip as yarn does: frames share fibres. Plied yarn and yarn with a tracer are
+drawn over the same range. Three kinds of clip have no credible twist: 8 px across, no texture, 6 px out of focus.
+"""
+
+import csv
+import math
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from measure_bias import BITS, FULL_SCALE, PROCESSES, Stack
+
+from pipeline.measure.yarn import measure_yarn
+from pipeline.records import RawVideo, Scale, Source
+from pipeline.synthetic import Material, Optics, render_frame
+
+SHAPE = (300, 400)
+FRAMES = 8
+DIAMETER = 0.16e-3
+KINDS = {"single": 60, "ply": 20, "tracer": 20, "8 px": 30, "no texture": 30, "defocus 6 px": 30}
+"""Clips of each kind."""
+
+
+def clip(kind: str, seed: int) -> dict[str, float | str]:
+    """Render and measure one clip; errors of its means in %, ° and standard uncertainties."""
+    rng = np.random.default_rng([list(KINDS).index(kind), seed])
+    diameter = 8.0 if kind == "8 px" else rng.uniform(20, 60)
+    tpm = rng.uniform(300, 1500) * rng.choice([-1, 1])
+    metres = DIAMETER / diameter
+    plies = int(rng.integers(2, 5)) if kind == "ply" else 1
+    material = Material.draw(rng, fibre_length=0.5 / (abs(tpm) * DIAMETER), hairs_per_diameter=rng.uniform(0, 6))
+    material = replace(material, plies=plies, tracer=(0.2 if kind == "tracer" else 0.0, 0.3))
+    if kind == "no texture":
+        material = replace(material, texture=np.zeros_like(material.texture))
+    optics = Optics(
+        blur=rng.uniform(0.5, 2.0),
+        defocus=6.0 if kind == "defocus 6 px" else 0.0,
+        light_angle=rng.uniform(-1.05, 1.05),
+        ambient=rng.uniform(0.2, 0.8),
+        uneven=(rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2)),
+        read_noise=0.5 * FULL_SCALE / math.exp(rng.uniform(math.log(10), math.log(100))),
+    )
+    angle = rng.uniform(20, 160)
+    angles = angle + rng.normal(0, 0.5, FRAMES)
+    exposure = rng.uniform(0, 20) if rng.random() < 0.3 else 0.0
+    turn, travel = rng.uniform(-0.6, 0.6), rng.uniform(0, 1.0) * diameter
+    images = [
+        render_frame(
+            material, rng, shape=SHAPE, axis_angle=math.radians(a), diameter=diameter, twist=tpm * metres,
+            offset=rng.uniform(-5, 5), phase=i * turn, travel=i * travel, exposure=math.radians(exposure),
+            optics=optics,
+        )
+        for i, a in enumerate(angles.tolist())
+    ]  # fmt: skip
+    video = RawVideo(Source("", "", 0), Stack(images), np.arange(FRAMES) / 1200, 1200.0, BITS, SHAPE)
+    method = kind if kind in ("ply", "tracer") else "surface"
+    m = measure_yarn(
+        video, Scale(metres, 0.0), cylinder_axis=None, method=method, plies=plies if plies > 1 else None, threads=1
+    )
+    s = m.summary
+    wrong_angle = np.mod(np.degrees(m.axis_angle) - angles + 90, 180) - 90
+    turns = abs(tpm) * metres * SHAPE[0]
+    about = math.degrees(s["helix_rotation"].mean / 1200 * 2 * math.pi)
+    return {
+        "kind": kind, "seed": seed, "diameter_px": diameter, "tpm": tpm, "turns": turns, "frames": FRAMES,
+        "frames_without_twist": int(np.count_nonzero(np.isnan(m.twist))),
+        "angle_error_deg": float(np.nanmean(wrong_angle)) if np.any(np.isfinite(wrong_angle)) else math.nan,
+        "angle_sd_deg": float(np.nanstd(wrong_angle)) if np.any(np.isfinite(wrong_angle)) else math.nan,
+        "diameter_error_percent": 100 * (s["diameter"].mean / DIAMETER - 1),
+        "diameter_u_percent": 100 * s["diameter"].u / DIAMETER,
+        "twist_error_percent": 100 * (s["twist"].mean / tpm - 1),
+        "twist_sd_percent": 100 * float(np.nanstd(m.twist) / abs(tpm)) if np.any(np.isfinite(m.twist)) else math.nan,
+        "twist_u_percent": 100 * s["twist"].u / abs(tpm),
+        "helix_error_deg": about - math.degrees(turn),
+        "helix_u_deg": math.degrees(s["helix_rotation"].u / 1200 * 2 * math.pi),
+        "reason": m.reason,
+    }  # fmt: skip
+
+
+def statistics(rows: list[dict[str, float | str]]) -> None:
+    """Print bias, spread and coverage (|error| ≤ 2u) by kind."""
+    for kind in KINDS:
+        mine = [row for row in rows if row["kind"] == kind]
+        given = np.array([row["frames_without_twist"] < row["frames"] for row in mine])
+        print(f"{kind}: {len(mine)} clips, a twist in {np.count_nonzero(given)}")
+        for name, unit in (("angle", "deg"), ("diameter", "percent"), ("twist", "percent"), ("helix", "deg")):
+            error = np.array([row[f"{name}_error_{unit}"] for row in mine], float)
+            known = np.isfinite(error)
+            if not np.any(known) or (name == "helix" and kind != "single"):
+                continue
+            text = f"  {name:9} n {known.sum():3} bias {error[known].mean():+.3f} {unit}"
+            text += f", clips' scatter {error[known].std():.3f}, largest {np.abs(error[known]).max():.3f}"
+            if f"{name}_sd_{unit}" in mine[0]:
+                spread = np.array([row[f"{name}_sd_{unit}"] for row in mine], float)
+                text += f", frames' sd {math.sqrt(np.nanmean(spread**2)):.3f}"
+            if f"{name}_u_{unit}" in mine[0]:
+                u = np.array([row[f"{name}_u_{unit}"] for row in mine], float)
+                held = known & np.isfinite(u)
+                text += f", within 2u {100 * np.mean(np.abs(error[held]) <= 2 * u[held]):.0f} %"
+            print(text)
+
+
+def main(folder: Path) -> None:
+    # kinds alternate, so that a run that is broken off has some of each
+    calls = [(kind, seed) for seed in range(max(KINDS.values())) for kind, count in KINDS.items() if seed < count]
+    rows: list[dict[str, float | str]] = []
+    with ProcessPoolExecutor(PROCESSES) as pool:
+        for row in pool.map(clip, *zip(*calls, strict=True)):
+            rows.append(row)
+            print(*(f"{value:.4g}" if isinstance(value, float) else value for value in row.values()), flush=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "measure_coverage.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows)
+    statistics(rows)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path("reports"))

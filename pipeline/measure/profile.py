@@ -1,0 +1,195 @@
+"""The mean cross profile of a straightened yarn: where its middle is, and the body that is fitted to it.
+
+The body of radius R has a brightness that is a combination of 1, sin γ and cos γ (w = R sin γ: ambient light and
+Lambert's law from any side), is blurred by a Gaussian and stands on a linear background; `pipeline.measure.axis` says
+why. Compiled: on the 70 rows of a profile nearly all the time would be Python's.
+"""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from models.compiled import compiled, inner
+from models.newton import lu_factor, lu_solve
+from pipeline.records import Array
+
+SETTLED = 0.02
+"""Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
+INNER = 0.5
+"""Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
+FAR = 6.0
+"""Distance in standard deviations from which on the blur is taken for 0."""
+
+
+@inner
+def middle(profile: Array) -> float:
+    """Return how far from the middle row the body is, half way between its outermost half heights [px].
+
+    Parameters
+    ----------
+    profile : shape (2h + 1,).
+    """
+    level = profile.mean()
+    first_end, last_end = profile[:3].mean(), profile[-3:].mean()
+    ground = first_end if abs(first_end - level) >= abs(last_end - level) else last_end
+    height = np.abs(profile - ground)
+    height /= max(height.max(), 1e-9) / 2
+    top = np.flatnonzero(height >= 1)
+    i, j = top[0], top[-1]
+    first, last = float(i), float(j)
+    if i > 0 and j < profile.size - 1:
+        first -= (height[i] - 1) / (height[i] - height[i - 1])
+        last += (height[j] - 1) / (height[j] - height[j + 1])
+    return (first + last - (profile.size - 1)) / 2
+
+
+@lru_cache(maxsize=16)
+def quadrature(count: int) -> tuple[Array, Array]:
+    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, and weights for dw/R."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    gamma = nodes * (math.pi / 2)
+    return np.sin(gamma), weights * (math.pi / 2) * np.cos(gamma)
+
+
+@inner
+def _body(across: Array, offset: float, radius: float, blur: float, sine: Array, share: Array) -> Array:
+    """Return the blurred body with the shades 1, sin γ and cos γ, and what its derivatives are made of.
+
+    Parameters
+    ----------
+    across : w, shape (n,) [px].
+    sine, share : see `quadrature`.
+
+    Returns
+    -------
+    Shape (4, 3, n): the integral over γ of shade times G, z·G, z²·G, z·sin γ·G for each of the shades; G is the blur's
+    Gaussian of z = (w − offset − R sin γ)/blur.
+    """
+    integrals = np.zeros((4, 3, across.size))
+    height = radius / (blur * math.sqrt(2 * math.pi))
+    shade = np.ones(3)
+    for j in range(sine.size):
+        shade[1], shade[2] = sine[j], math.sqrt(1 - sine[j] * sine[j])
+        for i in range(across.size):
+            z = (across[i] - offset - radius * sine[j]) / blur
+            if abs(z) > FAR:
+                continue
+            term = height * share[j] * math.exp(-0.5 * z * z)
+            for k in range(3):
+                shaded = term * shade[k]
+                integrals[0, k, i] += shaded
+                integrals[1, k, i] += shaded * z
+                integrals[2, k, i] += shaded * z * z
+                integrals[3, k, i] += shaded * z * sine[j]
+    return integrals
+
+
+@inner
+def _products(first: Array, second: Array) -> Array:
+    """Return first · secondᵀ of shapes (m, n) and (k, n): written out, because calling BLAS for it costs more."""
+    products = np.zeros((first.shape[0], second.shape[0]))
+    for i in range(first.shape[0]):
+        for j in range(second.shape[0]):
+            for k in range(first.shape[1]):
+                products[i, j] += first[i, k] * second[j, k]
+    return products
+
+
+@inner
+def _residuals(
+    at: Array, across: Array, weight: Array, target: Array, sine: Array, share: Array, jacobian: Array
+) -> tuple[Array, Array]:
+    """Return the residuals, shape (n,), and the linear coefficients, shape (5,); fill the Jacobian, shape (3, n).
+
+    The coefficients of background and shades are the best for the offset, the radius and the blur's logarithm in `at`;
+    the Jacobian is that of what they leave (Kaufman, BIT 15, 1975).
+    """
+    radius, blur = at[1], math.exp(at[2])
+    integrals = _body(across, at[0], radius, blur, sine, share) * weight
+    basis = np.empty((5, across.size))
+    basis[0], basis[1], basis[2:] = weight, across * weight, integrals[0]
+    normal = _products(basis, basis)
+    scale = np.sqrt(np.diag(normal)) + 1e-300
+    for i in range(5):
+        for j in range(5):
+            normal[i, j] /= scale[i] * scale[j]
+        normal[i, i] += 1e-10
+    pivots = np.empty(5, np.int64)
+    lu_factor(normal, pivots)
+    columns = np.empty((4, across.size))
+    columns[0] = target
+    coefficients = lu_solve(normal, pivots, _products(basis, columns[:1])[:, 0] / scale) / scale
+    columns[1:] = 0
+    for k in range(3):
+        c = coefficients[2 + k]
+        columns[1] += c * integrals[1, k] / blur
+        columns[2] += c * (integrals[3, k] / blur + integrals[0, k] / radius)
+        columns[3] += c * (integrals[2, k] - integrals[0, k])
+    along = _products(columns, basis)
+    for i in range(4):
+        along[i] = lu_solve(normal, pivots, along[i] / scale) / scale
+        for k in range(5):
+            columns[i] -= along[i, k] * basis[k]
+    jacobian[:] = columns[1:]
+    return -columns[0], coefficients
+
+
+@compiled
+def weights(profile: Array, spread: Array) -> Array:
+    """Return each row's weight, the inverse of its values' spread: texture in the body must not outweigh the edges."""
+    return 1 / np.maximum(spread, 1e-3 * max(profile.max() - profile.min(), 1e-9))
+
+
+@compiled
+def fit_profile(
+    profile: Array, spread: Array, offset: float, radius: float, blur: float, sine: Array, share: Array
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """Fit the blurred, shaded body without a shadow to a profile: the fields of `LitProfile`, zeros without contrast.
+
+    Rows weigh by the spread of their values, so texture in the body does not outweigh the edges. Separable least
+    squares: Levenberg's steps in offset, radius and blur, all else linear.
+
+    Parameters
+    ----------
+    profile, spread : mean and interquartile range of the strip's rows, shape (2h + 1,).
+    offset, radius, blur : where to start from [px].
+    sine, share : see `quadrature`.
+    """
+    half = profile.size // 2
+    across = np.arange(-half, half + 1).astype(np.float64)
+    outer = np.abs(across) > INNER * radius
+    across = across[outer]
+    weight = weights(profile, spread)[outer]
+    target = profile[outer] * weight
+    low = np.array([-radius, 0.6 * radius, math.log(0.3)])
+    high = np.array([radius, min(1.4 * radius, half - 1.0), math.log(max(radius / 2, 1.0))])
+    at = np.minimum(np.maximum(np.array([offset, radius, math.log(blur)]), low), high)
+    jacobian, trial_jacobian = np.empty((3, across.size)), np.empty((3, across.size))
+    pivots = np.empty(3, np.int64)
+    damping = 1e-3
+    rest, coefficients = _residuals(at, across, weight, target, sine, share, jacobian)
+    for _ in range(20):
+        normal = _products(jacobian, jacobian)
+        for i in range(3):
+            normal[i, i] += damping * normal[i, i] + 1e-12
+        slope = _products(jacobian, rest.reshape(1, -1))[:, 0]
+        lu_factor(normal, pivots)
+        trial = np.minimum(np.maximum(at - lu_solve(normal, pivots, slope), low), high)
+        trial_rest, trial_coefficients = _residuals(trial, across, weight, target, sine, share, trial_jacobian)
+        moved = np.abs(trial - at).max()
+        if np.sum(trial_rest * trial_rest) < np.sum(rest * rest):
+            at, rest, coefficients = trial, trial_rest, trial_coefficients
+            jacobian, trial_jacobian = trial_jacobian, jacobian
+            damping *= 0.1
+        else:
+            damping *= 10
+        if moved < SETTLED or damping > 1e3:
+            break
+    contrast = abs(coefficients[2] + coefficients[4] * math.pi / 4)
+    if contrast < 5 * np.std(rest / weight) or not low[1] < at[1] < high[1]:
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    right, front = coefficients[3], coefficients[4]
+    misfit = math.sqrt(np.mean((rest / weight) ** 2)) / max(profile.max() - profile.min(), 1e-9)
+    light, lamp = math.atan2(right, front), math.hypot(right, front)
+    return at[0], at[1], math.exp(at[2]), light, coefficients[2], lamp, np.sum(rest * rest), misfit

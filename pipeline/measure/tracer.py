@@ -1,0 +1,117 @@
+"""Twist of a yarn in one frame by a tracer: one dyed fibre that stays on the surface, the usual way to see twist.
+
+On the unrolled surface the fibre is the line γ = 2πT·x + u₀ wherever it faces the camera. The surface is therefore
+averaged over all pixels of equal u = γ − 2πT·x (modulo a turn), for each T tried: with the right T the fibre is one
+narrow line of u, and the yarn's other fibres, which end after some diameters, average out. T is where the darkest or
+brightest line is strongest.
+
+The average is made in Fourier space: its m-th coefficient in u is the transform of the surface at m around and mT along
+(the central slice theorem on a cylinder), for all m at once.
+
+The estimate is credible where the line is stronger than that of any other twist by `MIN_CONTRAST`; where its pieces,
+all along the yarn, lie `MIN_DEPTH` away from the surface's mean and `MIN_FOLLOWED` of them on the same side, which
+fibres that end do not; and where `MIN_TURNS` are in view: a shorter view shows the fibre once, and its slope depends on
+the diameter.
+"""
+
+import math
+
+import numpy as np
+
+from pipeline.measure.axis import Image, Pixels, YarnAxis
+from pipeline.measure.twist import FrameTwist, unroll
+from pipeline.records import Array
+
+STEEPEST = 1.6
+"""Largest πdT searched, both hands."""
+NARROWEST = 3.0
+"""Narrowest line looked for [px]."""
+STEPS = 20
+"""Twists tried per 1/length."""
+MIN_DIAMETER = 12.0
+MIN_CONTRAST = 0.25
+MIN_TURNS = 1.5
+MIN_DEPTH = 2.2
+"""Mean distance of the line's pieces from the surface's mean, in standard deviations of the surface."""
+MIN_FOLLOWED = 0.9
+PIECE = 1.0
+"""Length of a piece of the line [radii]."""
+
+
+def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
+    """Find the twist of the yarn on an axis of a frame, shape (rows, columns), by its tracer fibre."""
+    if axis.diameter < MIN_DIAMETER:
+        found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
+        return FrameTwist(math.nan, 0.0, 0.0, found)
+    radius = axis.diameter / 2
+    surface = unroll(image, axis)
+    if not np.any(surface):
+        return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
+    highest = STEEPEST / (math.pi * axis.diameter)
+    tried = np.linspace(-highest, highest, 2 * math.ceil(highest * axis.length * STEPS) + 1)
+    score = _strongest_line(surface, tried, radius)
+    best = int(np.argmax(score))
+    fine = tried[best] + (tried[1] - tried[0]) * np.linspace(-2, 2, 33)
+    fine_score = _strongest_line(surface, fine, radius)
+    top = int(np.clip(np.argmax(fine_score), 4, 28))
+    a, b, _ = np.polyfit(np.arange(-4, 5), fine_score[top - 4 : top + 5], 2)
+    twist = float(fine[top] + (fine[1] - fine[0]) * (np.clip(-b / (2 * a), -4, 4) if a < 0 else 0))
+    elsewhere = np.abs(tried - twist) > max(2 / axis.length, 0.1 * abs(twist))
+    contrast = 1 - float(score[elsewhere].max(initial=0.0)) / float(score[best])
+    turns = abs(twist) * axis.length
+    reason = ""
+    depth, followed = _pieces(surface, twist, radius)
+    if contrast < MIN_CONTRAST:
+        reason = f"no one tracer fibre stands out (contrast {contrast:.2f}): at least {MIN_CONTRAST} is needed"
+    elif depth < MIN_DEPTH or followed < MIN_FOLLOWED:
+        reason = f"no tracer fibre is seen all along the yarn (depth {depth:.1f}): at least {MIN_DEPTH} is needed"
+    elif turns < MIN_TURNS:
+        reason = f"{turns:.2f} turns are in view: at least {MIN_TURNS:g} is needed to follow a tracer fibre"
+    return FrameTwist(math.nan if reason else twist, float(fine_score.max()), contrast, reason)
+
+
+def _pieces(surface: Image, twist: float, radius: float) -> tuple[float, float]:
+    """Return the mean depth of the strongest line's pieces, and the share of them as dark, or as bright, as it is."""
+    rows, length = surface.shape
+    around = round(2 * math.pi * radius)
+    gamma, x = (np.arange(rows) - (rows - 1) / 2) / radius, np.arange(length) - (length - 1) / 2
+    place = np.round((gamma[:, None] - 2 * math.pi * twist * x) * radius).astype(int) % around
+    count = np.bincount(place.ravel(), minlength=around)
+    line = np.bincount(place.ravel(), surface.ravel(), minlength=around) / np.maximum(count, 1)
+    line = np.where(count > 0.3 * count.mean(), line, 0)
+    half = round(NARROWEST) // 2
+    line = np.convolve(np.concatenate([line[-half:], line, line[:half]]), np.ones(2 * half + 1), "valid")
+    top = int(np.argmax(np.abs(line)))
+    on = np.abs((place - top + around // 2) % around - around // 2) <= half
+    piece = np.broadcast_to((x - x[0]) // (PIECE * radius), place.shape).astype(int)
+    pixels, values = np.bincount(piece[on]), np.bincount(piece[on], surface[on])
+    whole = pixels >= 0.25 * NARROWEST * PIECE * radius
+    if not np.any(whole):
+        return 0.0, 0.0
+    means = values[whole] / pixels[whole] * np.sign(line[top])
+    return float(means.mean()), float(np.mean(means > 0))
+
+
+def _strongest_line(surface: Image, twists: Array, radius: float) -> Array:
+    """Return how far the strongest line of u stands out, in standard deviations of the surface, shape (twists,).
+
+    Parameters
+    ----------
+    surface : see `unroll`; rows are 1/R apart in γ.
+    twists : [1/px], shape (n,).
+    """
+    rows, length = surface.shape
+    around = round(2 * math.pi * radius)
+    highest = max(4, math.floor(math.pi * radius / NARROWEST))
+    gamma = (np.arange(rows) - (rows - 1) / 2) / radius
+    x = np.arange(length) - (length - 1) / 2
+    waves = np.exp(-1j * np.outer(np.arange(1, highest + 1), gamma)) @ surface
+    turn = np.exp(2j * math.pi * np.outer(twists, x))
+    power = np.ones_like(turn)
+    slices = np.zeros((twists.size, around // 2 + 1), complex)
+    for m in range(1, highest + 1):
+        power = power * turn
+        slices[:, m] = power @ waves[m - 1]
+    line = np.fft.irfft(slices, around, axis=1)
+    # every u is seen on its part of the circumference
+    return np.abs(line).max(axis=1) * around / (length * rows)

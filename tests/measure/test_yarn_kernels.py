@@ -1,0 +1,108 @@
+"""The compiled steps of the yarn's measurement against plain formulas and other libraries. Frames are synthetic."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import spline_filter1d
+
+from pipeline.measure import axis, twist
+from pipeline.measure.axis import find_axis, straighten
+from pipeline.measure.twist import surface_twist, unroll
+from pipeline.synthetic import Material, render_frame
+
+SHAPE = (256, 400)
+
+
+@pytest.fixture(scope="module")
+def frame():
+    rng = np.random.default_rng(3)
+    return render_frame(
+        Material.draw(rng, fibre_length=3), rng, shape=SHAPE, axis_angle=math.radians(40), diameter=30.0, twist=0.006
+    )
+
+
+def noise(seed, shape=SHAPE):
+    return np.random.default_rng(seed).integers(0, 4096, shape).astype(np.uint16)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    x=st.floats(-20, 420), y=st.floats(-20, 276), angle=st.floats(0, math.pi), half=st.integers(1, 40),
+    length=st.integers(2, 500),
+)  # fmt: skip
+def test_a_strip_of_a_frame_of_integers_is_that_of_the_whole_frame_in_floating_point(x, y, angle, half, length):
+    """Only the pixels near a strip are converted: those of the strip before must not shine through."""
+    axis.floats_around(noise(0), (200.0, 128.0), 0.3, 128, 500)
+    pixels = noise(1)
+    expected = straighten(pixels.astype(np.float32), (x, y), angle, half, length)
+    np.testing.assert_array_equal(straighten(pixels, (x, y), angle, half, length), expected)
+
+
+def test_frames_of_integers_and_of_floats_give_the_same_numbers(frame):
+    floats = frame.astype(np.float32)
+    found = find_axis(frame)
+    assert found == find_axis(floats)
+    axis.floats_around(noise(0), (200.0, 128.0), 0.3, 128, 500)
+    assert surface_twist(frame, found) == surface_twist(floats, found)
+    assert math.isfinite(surface_twist(frame, found).per_pixel)
+
+
+@pytest.mark.parametrize(("shape", "kind"), [((256, 400), np.uint16), ((61, 83), np.uint8)])
+def test_the_reduced_frame_is_the_mean_of_its_pixels(shape, kind):
+    pixels = (noise(2, shape) % np.iinfo(kind).max).astype(kind)
+    rows, columns = shape[0] // 4, shape[1] // 4
+    expected = pixels[: 4 * rows, : 4 * columns].reshape(rows, 4, columns, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(axis._reduced(pixels), expected, rtol=1e-7)
+
+
+def test_the_background_is_a_quadratic_that_bright_things_do_not_bend():
+    v, u = np.meshgrid(np.linspace(-1, 1, 64), np.linspace(-1, 1, 100), indexing="ij")
+    image = 300 + 40 * u - 25 * v + 12 * u * u - 9 * u * v + 5 * v * v
+    noisy = image + np.random.default_rng(4).normal(0, 1, image.shape)
+    noisy[:, 45:52] += 1000
+    deviation = axis._deviation(noisy.astype(np.float32))
+    np.testing.assert_allclose(deviation, np.abs(noisy - image), atol=1.0)
+
+
+def test_the_correlation_is_the_mean_product_of_all_pairs_in_view(frame):
+    """In double precision, by its definition: the transforms round at the seventh digit of the largest value."""
+    texture = unroll(frame, find_axis(frame))[:, :200]
+    lags, reach = twist._lags(24), 9
+    found = twist._correlation(texture, lags, reach)
+    rows, columns = texture.shape
+    exact = texture.astype(float)
+    for i, shift in enumerate(range(-reach, reach + 1)):
+        low, high = max(0, -shift), min(rows, rows - shift)
+        for j, lag in enumerate(lags):
+            mean = (exact[low:high, : columns - lag] * exact[low + shift : high + shift, lag:]).mean()
+            assert found[i, j] == pytest.approx(mean, abs=2e-6)
+
+
+def test_the_spline_s_coefficients_are_scipy_s():
+    values = np.random.default_rng(5).normal(size=(55, 7))
+    np.testing.assert_allclose(twist._spline(values), spline_filter1d(values, axis=0), atol=1e-12)
+
+
+def test_the_strip_s_blocks_give_profile_and_spread_as_percentiles_do(frame):
+    found = find_axis(frame)
+    strip = straighten(frame, found.centre, found.angle, 24, found.length)
+    blocks = axis._blocks(strip)
+    profile, spread, *_ = axis._registered(blocks, np.sort(blocks, axis=1))
+    quarter = blocks.shape[1] // 4
+    ordered = np.sort(blocks.astype(float), axis=1)[:, quarter : blocks.shape[1] - quarter]
+    np.testing.assert_allclose(profile, ordered.mean(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(spread, np.ptp(ordered, axis=1), rtol=1e-6)
+
+
+def test_a_strip_s_pixels_are_where_they_should_be_within_a_hundredth_of_a_pixel():
+    """How finely positions are rounded is OpenCV's, and not the same in each of its versions."""
+    rows, columns = np.indices(SHAPE)
+    plane = (3.0 * columns + 2.0 * rows).astype(np.float32)
+    centre, angle, length = (200.3, 127.8), math.radians(40), 201
+    along, across = np.arange(length) - 100.0, np.arange(-20, 21)[:, None]
+    x = centre[0] + along * math.cos(angle) + across * math.sin(angle)
+    y = centre[1] - along * math.sin(angle) + across * math.cos(angle)
+    np.testing.assert_allclose(straighten(plane, centre, angle, 20, length), 3 * x + 2 * y, atol=0.03)
