@@ -42,6 +42,8 @@ Indices = NDArray[np.intp]
 
 MIN_DIAMETER = 20.0
 MAX_BLUR = 0.15
+MAX_BLUR_PX = 2.6
+"""Blur from which fibres mix, and a lens out of focus shows structure that is not there [px]."""
 MIN_TURNS = 0.1
 MIN_COHERENCE = 0.2
 MIN_CONTRAST = 0.5
@@ -84,8 +86,9 @@ def surface_twist(image: Image, axis: YarnAxis) -> FrameTwist:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     radius = axis.diameter / 2
-    if axis.blur > MAX_BLUR * radius:
-        found = f"the edges are blurred over {axis.blur:.1f} px: at most {MAX_BLUR * radius:.1f} px at this diameter"
+    limit = min(MAX_BLUR * radius, MAX_BLUR_PX)
+    if axis.blur > limit:
+        found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     texture = unroll(image, axis)
     if not np.any(texture):

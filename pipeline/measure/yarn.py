@@ -47,9 +47,12 @@ a plied yarn's strands (`pitch.py`), a tracer fibre (`tracer.py`)."""
 
 METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER = 0.003
-METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.005, "ply": 0.002, "tracer": 0.005}
+METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py."""
+errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. For the slope of fibres and for a tracer it is
+mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of that stretch do not mend."""
+METHOD_U_TURN = 0.4 / 360
+"""Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
 FARTHEST_LIGHT = 1.3
 """Direction of the light from which on the far edge is not seen [rad]."""
@@ -386,7 +389,7 @@ def _mean_rotation(rotation: Array, rate: float) -> Estimate:
         why = f"the surface was seen again in {known} of {looked} pairs of frames: it turned or travelled too far"
         return Estimate(math.nan, n=known, reason=why)
     alias = f"what turns by a further whole turn between frames ({rate:g} turns a second) looks the same"
-    return mean_estimate(rotation, reason=alias)
+    return mean_estimate(rotation, extra_u={"method": METHOD_U_TURN * rate}, reason=alias)
 
 
 def _yarn_rotation(helix: Estimate, twist: Estimate, speed: float) -> Estimate:
