@@ -49,8 +49,8 @@ METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER = 0.003
 METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. For the slope of fibres and for a tracer it is
-mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of that stretch do not mend."""
+errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. For the slope of fibres and for a tracer it
+is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not mend."""
 METHOD_U_TURN = 0.4 / 360
 """Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
