@@ -7,7 +7,8 @@ cosθ = −tanh q, and for ln p₃: both stay in their domain whatever Newton tr
 T(φ) = T_CD, l_AB cosθ(0) + l_CD cosθ(φ) = 0, n₁ = η v (T_AB − k T_CD).
 
 Limits: no bending or torsional stiffness in the force balance, inextensible, weightless, steady, contact everywhere.
-Chebyshev collocation is refined until the ends stop changing, near machine precision.
+Chebyshev collocation is refined until the ends stop changing, near machine precision. Where twist acts strongly on
+itself, or collocation does not resolve the solution, all solutions are found by quadrature (self_consistency.py).
 """
 
 from dataclasses import replace
@@ -21,13 +22,16 @@ from models.friction import end_conditions, friction_direction
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution, Stats
 from models.scene import FRICTION, TENSION_CD, YARN_RADIUS, Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, newton_outcome, relative_change, solution
+from models.self_consistency import STRONG_FEEDBACK, TOLERANCE, Roots, feedback, find_roots, path_values
+from models.solution import PROFILE_POINTS, Fields, failed, relative_change, solution
 
 NAME = "flexible"
 ORDERS = np.array([1, 1, 1])
 DEGREES = (8, 12, 16, 24, 32, 64, 128)
 PRECISION = 1e-11
 """Change of the ends between neighbouring degrees at which the refinement ends."""
+SAME_ROOT = 1e-6
+"""Relative difference of w below which collocation and quadrature mean the same solution."""
 
 
 class Flexible(NamedTuple):
@@ -57,17 +61,61 @@ def boundary(problem: Flexible, left: Values, right: Values, w: Any, out: Values
 register(Flexible, equations, boundary)
 
 
-def solve_flexible(scene: Scene) -> Solution:
-    """Solve the flexible yarn. Never raises for a hard scene: the outcome says what happened."""
+def solve_flexible(scene: Scene, *, rotation: float | None = None) -> Solution:
+    """Solve the flexible yarn. Never raises for a hard scene: the outcome says what happened.
+
+    Parameters
+    ----------
+    rotation : n₁ [1/s] near which a solution is wanted, for a scene with several; without it, the one that the yarn
+        settles on while the friction is raised from zero.
+    """
     problem = scene.dimensionless()
     result, degree, error, iterations = solve_fields(problem)
-    if result.status is not NewtonStatus.CONVERGED:
-        return failed(scene, NAME, *newton_outcome(result.status))
-    if error is None:
-        text = f"the solution is not resolved by a polynomial of degree {degree}"
-        return failed(scene, NAME, Outcome.NOT_CONVERGED, text)
+    resolved = error is not None and result.status is NewtonStatus.CONVERGED
     stats = Stats(iterations, result.residual, result.boundary_residual, result.step, degree + 1)
-    return solution(scene, NAME, as_fields(problem, degree, result), error, stats)
+    if error is not None and resolved and feedback(problem.vector) < STRONG_FEEDBACK:
+        return solution(scene, NAME, as_fields(problem, degree, result), error, stats)
+    roots = find_roots(problem.vector)
+    w = choose(scene, roots, rotation)
+    if w is None:
+        return failed(scene, NAME, Outcome.STICKING, Outcome.STICKING.value, stats=stats)
+    if error is not None and resolved and abs(result.w - w) <= SAME_ROOT * (1 + abs(w)):
+        fields = as_fields(problem, degree, result)
+    else:
+        fields, error = _on_path(problem, w)
+    return solution(scene, NAME, fields, error, stats, others=several(scene, roots, w))
+
+
+def choose(scene: Scene, roots: Roots, rotation: float | None = None) -> float | None:
+    """The w of the solution to take: nearest to a wanted n₁ [1/s], else the one that the yarn settles on."""
+    if not roots.w:
+        return None
+    if rotation is not None:
+        wanted = rotation * scene.cylinder_radius / scene.delivery_speed
+        return min(roots.w, key=lambda w: abs(w - wanted))
+    return roots.settled if np.isfinite(roots.settled) else roots.w[0]
+
+
+def several(scene: Scene, roots: Roots, taken: float) -> str:
+    """The other solutions and how to get them; empty where there are none."""
+    if len(roots.w) < 2:
+        return ""
+    unit = scene.delivery_speed / scene.cylinder_radius
+    others = ", ".join(f"{w * unit:.6g}" for w in roots.w if w != taken)
+    return f"n₁ = {taken * unit:.6g} /s; others at n₁ = {others} /s: solve with rotation= near one of them"
+
+
+def _on_path(scene: Dimensionless, w: float) -> tuple[Fields, Array]:
+    """The solution with a known w by quadrature, and its error as the change by a hundredfold tolerance."""
+    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
+    q, log_p, tau = path_values(scene.vector, w, psi, TOLERANCE)
+    coarse = path_values(scene.vector, w, psi[[0, -1]], 100 * TOLERANCE)
+    sine, cosine = 1 / np.cosh(q), -np.tanh(q)
+    slope = scene.friction * friction_direction(scene.vector, sine, cosine, w)[0] * sine
+    theta, tension = 2 * np.arctan(np.exp(q)), scene.tension_CD * np.exp(log_p)
+    at_B = np.array([q[0], log_p[0], tau[0]])
+    error = ends(scene.tension_CD, at_B) - ends(scene.tension_CD, coarse[:, 0])
+    return Fields(scene, psi, theta, slope, tension, tau, w, tension * sine**2), error
 
 
 def solve_fields(scene: Dimensionless) -> tuple[BoundaryValueResult, int, Array | None, int]:

@@ -53,12 +53,13 @@ def relative_change(ends: Array, other: Array) -> float:
     return float(np.max(np.abs(ends - other) / np.abs(size)))
 
 
-def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stats) -> Solution:
+def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stats, *, others: str = "") -> Solution:
     """Build the solution in SI, or the lift-off outcome where the normal force is not positive.
 
     Parameters
     ----------
     error : estimated absolute errors of `fields.ends`, shape (3,).
+    others : what is known of other solutions of the scene; empty where there are none.
     """
     force, length = scene.force_unit, scene.cylinder_radius
     normal = fields.normal_force * force / length
@@ -88,8 +89,8 @@ def solution(scene: Scene, model: str, fields: Fields, error: Array, stats: Stat
     return Solution(
         scene=scene,
         model=model,
-        outcome=Outcome.CONVERGED,
-        message="",
+        outcome=Outcome.SEVERAL_SOLUTIONS if others else Outcome.CONVERGED,
+        message=f"{Outcome.SEVERAL_SOLUTIONS.value} ({others})" if others else "",
         ends=Ends(*map(float, fields.ends * to_si)),
         u_num=Ends(*map(float, np.abs(error) * to_si)),
         theta_C=float(fields.theta[-1]),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from models.outcome import Ends, Solution
+from models.outcome import SOLVED, Ends, Solution
 from models.scene import Scene
 from models.sensitivity import sensitivities
 from models.solve import MODELS
@@ -85,7 +85,7 @@ class TableRow:
     @property
     def ok(self) -> bool:
         """Whether the solve converged."""
-        return self.outcome == "converged"
+        return self.outcome in SOLVED
 
     def as_json(self) -> dict[str, object]:
         """The row with null for numbers that are not known."""
