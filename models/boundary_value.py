@@ -145,6 +145,22 @@ def parameter_slopes(problem: Collocated, x: Array) -> Array:
     return slopes
 
 
+@compiled
+def pointwise_slopes(problem: Any, f: Array, w: float, equation_count: int) -> Array:
+    """Derivatives of the equations by the pointwise arguments f, shape (a, points), as (points, m, a)."""
+    count, points = f.shape
+    out = np.empty(equation_count, np.complex128)
+    slopes = np.empty((points, equation_count, count))
+    for j in range(points):
+        argument = f[:, j].astype(np.complex128)
+        for a in range(count):
+            argument[a] += 1j * COMPLEX_STEP
+            equations(problem, argument, w + 0j, out)
+            slopes[j, :, a] = out.imag / COMPLEX_STEP
+            argument[a] = f[a, j]
+    return slopes
+
+
 @dataclass(frozen=True, slots=True)
 class BoundaryValueResult:
     """Nodal fields, shape (m, n + 1), the constant w, and the evidence: maximum norms of residuals and correction."""
@@ -165,6 +181,12 @@ class BoundaryValueResult:
     def condition(self) -> float:
         """Condition number of the Jacobian in the 1-norm; infinite where it is singular."""
         return float(np.linalg.cond(self.jacobian, 1))
+
+    @property
+    def scaled_condition(self) -> float:
+        """The same with unknowns in units of 1 + |x| and rows of largest element 1: it sees no units, only modes."""
+        scaled = self.jacobian * (1 + np.abs(np.append(self.fields, self.w)))
+        return float(np.linalg.cond(scaled / np.max(np.abs(scaled), axis=1, keepdims=True), 1))
 
 
 def solve(

@@ -23,10 +23,11 @@ import numpy as np
 
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, inner
+from models.diagnosis import solve_rod
 from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Rod, solve_slow_manifold
+from models.slow_manifold import Rod
 
 NAME = "cosserat"
 
@@ -100,6 +101,6 @@ def normal_force(scene: Array, values: Array) -> Array:
 ROD = Rod(NAME, Printed, normal_force)
 
 
-def solve_cosserat(scene: Scene) -> Solution:
-    """Solve the printed equations on their slow manifold."""
-    return solve_slow_manifold(scene, ROD)
+def solve_cosserat(scene: Scene, *, rotation: float | None = None) -> Solution:
+    """Solve the printed equations on their slow manifold; `rotation` as for the flexible yarn."""
+    return solve_rod(scene, ROD, rotation)

@@ -21,9 +21,9 @@ from models import flexible
 from models.boundary_value import Array, BoundaryValueResult, Values, solve
 from models.discretisation import Discretisation, chebyshev_collocation, interpolation
 from models.newton import NewtonStatus
-from models.outcome import Outcome, Solution, Stats
-from models.scene import Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, failed, newton_outcome, relative_change, solution
+from models.outcome import Outcome, Stats
+from models.scene import Dimensionless
+from models.solution import Fields, newton_outcome, relative_change
 
 ORDERS = np.array([3, 1, 1])
 """Highest derivatives of the fields θ, p₃/p₃CD and τ."""
@@ -60,19 +60,6 @@ class SlowManifold:
     result: BoundaryValueResult | None = None
     error: Array | None = None
     """Change of p₃AB, T_AB and θ_B from the degree before, shape (3,)."""
-
-
-def solve_slow_manifold(scene: Scene, rod: Rod) -> Solution:
-    """Solve by collocation of rising degree from the flexible yarn's solution. The outcome says what happened."""
-    problem = scene.dimensionless()
-    found = search(problem, rod)
-    if found.result is None or found.error is None:
-        return failed(scene, rod.name, found.outcome, found.message, stats=found.stats)
-    discretisation = chebyshev_collocation(found.degree, problem.wrap_angle)
-    to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
-    psi = np.linspace(0.0, problem.wrap_angle, PROFILE_POINTS)
-    fields = rod_fields(problem, rod, discretisation, found.result, psi, to_profile)
-    return solution(scene, rod.name, fields, found.error, found.stats)
 
 
 def search(problem: Dimensionless, rod: Rod) -> SlowManifold:
