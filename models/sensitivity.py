@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models import capstan, cosserat, flexible, kirchhoff, slow_manifold
+from models import capstan, cosserat, flexible, kirchhoff, kirchhoff_spans, slow_manifold
 from models.boundary_value import COMPLEX_STEP, Array, BoundaryValueResult, Collocated, parameter_slopes
 from models.discretisation import chebyshev_collocation
 from models.newton import NewtonStatus
@@ -36,6 +36,12 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
         if error is None or result.status is not NewtonStatus.CONVERGED:
             return None
         return _sensitivities(scene, result, degree, flexible.ORDERS, flexible.Flexible, flexible.ends)
+    if model == kirchhoff_spans.NAME:
+        elastic, degree, error, _ = kirchhoff_spans.solve_fields(problem)
+        if error is None or elastic is None:
+            return None
+        kind, orders = kirchhoff_spans.Spans, kirchhoff_spans.ORDERS
+        return _sensitivities(scene, elastic, degree, orders, kind, kirchhoff_spans.ends)
     rod: Rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
     found = slow_manifold.search(problem, rod)
     if found.error is None or found.result is None:

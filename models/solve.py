@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff
+from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff, kirchhoff_spans
 from models.outcome import Solution
 from models.scene import Scene
 
@@ -14,6 +14,7 @@ MODELS: Mapping[str, Callable[[Scene], Solution]] = MappingProxyType(
         cosserat.NAME: cosserat.solve_cosserat,
         cosserat_fd.NAME: cosserat_fd.solve_cosserat_fd,
         kirchhoff.NAME: kirchhoff.solve_kirchhoff,
+        kirchhoff_spans.NAME: kirchhoff_spans.solve_kirchhoff_spans,
     }
 )
 """Solvers by the name that users give; each takes a scene and never raises for a hard one."""
