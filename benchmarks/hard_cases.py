@@ -6,11 +6,11 @@ writes hard_cases.csv (outcomes by model, and what the check found) and hard_cas
 default generator with seed 20260; p₃, r₀, d, K and l_AB/l_CD log-uniform, all else uniform, in the ranges of `RANGES`.
 
 The check shares no code with models/: it reads a solution's profile and ends. Flexible: scipy's DOP853 integrates the
-equations from one end to the other. Rods: θ is taken from the profile, p₃ and twist are integrated from B by DOP853, and
-what is left of the balance across the yarn is compared with the forces in it: the third-order problem itself is unstable
-as an initial-value problem. The rods' forces are written in the Frenet frame: the printed model is the same with the
-twist in the place of the Frenet torsion. scipy's solve_bvp solves the flexible yarn on a part of the same scenes from
-the same guess; the rods have too few boundary conditions for it.
+equations from one end to the other. Rods: θ is taken from the profile, p₃ and twist are integrated from B by DOP853,
+and what is left of the balance across the yarn is compared with the forces in it: the third-order problem itself is
+unstable as an initial-value problem. The rods' forces are written in the Frenet frame: the printed model is the same
+with the twist in the place of the Frenet torsion. scipy's solve_bvp solves the flexible yarn on a part of the same
+scenes from the same guess; the rods have too few boundary conditions for it.
 """
 
 import csv
@@ -133,6 +133,27 @@ def end_error(solution: Solution, d: Dimensionless) -> float:
     )
 
 
+def frenet(t: list[float]) -> tuple[float, ...]:
+    """κ, κ_s, κ_ss, a = sin²θ/κ, b = θ_s/κ, Frenet torsion and its derivative by s, from θ and three derivatives."""
+    sine, cosine = math.sin(t[0]), math.cos(t[0])
+    dsine = cosine * t[1]
+    ddsine = cosine * t[2] - sine * t[1] ** 2
+    # θ_s = sinθ θ' and g = sin²θ with two derivatives by ψ.
+    h0, h1 = sine * t[1], dsine * t[1] + sine * t[2]
+    h2 = ddsine * t[1] + 2 * dsine * t[2] + sine * t[3]
+    g0, g1 = sine**2, 2 * sine * dsine
+    g2 = 2 * (dsine**2 + sine * ddsine)
+    kappa = math.hypot(h0, g0)
+    kappa_1 = (h0 * h1 + g0 * g1) / kappa
+    kappa_2 = (h1**2 + h0 * h2 + g1**2 + g0 * g2 - kappa_1**2) / kappa
+    chi_1 = (h1 * g0 - h0 * g1) / kappa**2
+    chi_2 = (h2 * g0 - h0 * g2) / kappa**2 - 2 * chi_1 * kappa_1 / kappa
+    kappa_s, kappa_ss = sine * kappa_1, sine * (sine * kappa_2 + dsine * kappa_1)
+    torsion = sine * cosine - sine * chi_1
+    torsion_s = sine * ((cosine**2 - sine**2) * t[1] - dsine * chi_1 - sine * chi_2)
+    return kappa, kappa_s, kappa_ss, g0 / kappa, h0 / kappa, torsion, torsion_s
+
+
 def rod_error(solution: Solution, *, printed: bool) -> float:
     """Largest of: mismatch of p₃ and twist at C, boundary conditions, and force left across relative to that in it."""
     d, r, force = solution.scene.dimensionless(), solution.scene.cylinder_radius, solution.scene.force_unit
@@ -140,32 +161,11 @@ def rod_error(solution: Solution, *, printed: bool) -> float:
     w = solution.rotation * r / solution.scene.delivery_speed
     # The profile is a polynomial of known degree.
     theta = Chebyshev.fit(profile.psi, profile.theta, solution.stats.nodes - 1)
-    theta_1, theta_2, theta_3 = (theta.deriv(k) for k in (1, 2, 3))
-
-    def shape(psi: float) -> tuple[float, ...]:
-        """κ, κ_s, κ_ss, a = sin²θ/κ, b = θ_s/κ, Frenet torsion and its derivative by s; by series in ψ."""
-        t = [float(f(psi)) for f in (theta, theta_1, theta_2, theta_3)]
-        sine, cosine = math.sin(t[0]), math.cos(t[0])
-        dsine = cosine * t[1]
-        ddsine = cosine * t[2] - sine * t[1] ** 2
-        # θ_s = sinθ θ' and g = sin²θ with two derivatives by ψ.
-        h0, h1 = sine * t[1], dsine * t[1] + sine * t[2]
-        h2 = ddsine * t[1] + 2 * dsine * t[2] + sine * t[3]
-        g0, g1 = sine**2, 2 * sine * dsine
-        g2 = 2 * (dsine**2 + sine * ddsine)
-        kappa = math.hypot(h0, g0)
-        kappa_1 = (h0 * h1 + g0 * g1) / kappa
-        kappa_2 = (h1**2 + h0 * h2 + g1**2 + g0 * g2 - kappa_1**2) / kappa
-        chi_1 = (h1 * g0 - h0 * g1) / kappa**2
-        chi_2 = (h2 * g0 - h0 * g2) / kappa**2 - 2 * chi_1 * kappa_1 / kappa
-        kappa_s, kappa_ss = sine * kappa_1, sine * (sine * kappa_2 + dsine * kappa_1)
-        torsion = sine * cosine - sine * chi_1
-        torsion_s = sine * ((cosine**2 - sine**2) * t[1] - dsine * chi_1 - sine * chi_2)
-        return kappa, kappa_s, kappa_ss, g0 / kappa, h0 / kappa, torsion, torsion_s
+    derivatives = [theta, *(theta.deriv(k) for k in (1, 2, 3))]
 
     def forces(psi: float, pull: float, twist: float) -> tuple[float, float, float, float, float]:
         """N, α, force left across, the size of the terms in it, and κ p_n."""
-        kappa, kappa_s, kappa_ss, a, b, torsion, torsion_s = shape(psi)
+        kappa, kappa_s, kappa_ss, a, b, torsion, torsion_s = frenet([float(f(psi)) for f in derivatives])
         angle = float(theta(psi))
         alpha = direction(d, angle, w)
         drag = d.friction * math.cos(alpha) * d.yarn_radius  # u₃,s = −drag N

@@ -19,6 +19,7 @@ from models.discretisation import chebyshev_collocation
 from models.newton import NewtonStatus
 from models.outcome import Ends
 from models.scene import Scene, normalised
+from models.self_consistency import STRONG_FEEDBACK, feedback, find_roots
 from models.slow_manifold import Rod
 
 Complex = NDArray[np.complex128]
@@ -28,9 +29,12 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     """Derivatives of the ends by field name of `Scene`, each in SI units of the end per SI unit of the input.
 
     `cosserat-fd` shares the equations of `cosserat`, and `capstan` is an approximation of `flexible`: the derivatives
-    are those of the latter. None where the model has no solution for the scene.
+    are those of the latter. None where the model has no solution for the scene, or where the flexible yarn has several:
+    the plain search may then have found another one than was reported.
     """
     problem = scene.dimensionless()
+    if feedback(problem.vector) >= STRONG_FEEDBACK and len(find_roots(problem.vector).w) > 1:
+        return None
     if model in (flexible.NAME, capstan.NAME):
         result, degree, error, _ = flexible.solve_fields(problem)
         if error is None or result.status is not NewtonStatus.CONVERGED:
