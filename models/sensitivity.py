@@ -37,15 +37,15 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
         return None
     if model in (flexible.NAME, capstan.NAME):
         result, degree, error, _ = flexible.solve_fields(problem)
-        if error is None or result.status is not NewtonStatus.CONVERGED:
-            return None
-        return _sensitivities(scene, result, degree, flexible.ORDERS, flexible.Flexible, flexible.ends)
+        solved = error is not None and result.status is NewtonStatus.CONVERGED
+        kind, orders = flexible.Flexible, flexible.ORDERS
+        return _sensitivities(scene, result, degree, orders, kind, flexible.ends) if solved else None
     if model == kirchhoff_spans.NAME:
         elastic, degree, error, _ = kirchhoff_spans.solve_fields(problem)
-        if error is None or elastic is None:
-            return None
         kind, orders = kirchhoff_spans.Spans, kirchhoff_spans.ORDERS
-        return _sensitivities(scene, elastic, degree, orders, kind, kirchhoff_spans.ends)
+        if elastic is not None and error is not None:
+            return _sensitivities(scene, elastic, degree, orders, kind, kirchhoff_spans.ends)
+        return None
     rod: Rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
     found = slow_manifold.search(problem, rod)
     if found.error is None or found.result is None:
