@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from models import auto
 from models.outcome import Outcome, Solution
-from models.refinement import ROW, Ending, outcome
-from models.scene import Scene, normalised, valid_rows
+from models.refinement import ROW, Ending
+from models.scene import BENDING_RIGIDITY, TENSION_CD, Scene, normalised, valid_rows
+from models.self_consistency import STRONG_FEEDBACK, feedback
 from models.solve import MODELS, ROWS
 
 Array = NDArray[np.float64]
@@ -27,6 +28,8 @@ CHUNK = 256
 """Rows that a thread takes at a time: some milliseconds of work, so that progress is seen and threads end together."""
 
 
+ELASTIC = 0.5
+"""Share of the tension up to which bending and torsion surely leave layers that are faster than the solution."""
 NUMBERS = (
     "tension_AB", "twist_AB", "theta_B", "u_tension_AB", "u_twist_AB", "u_theta_B", "theta_C", "rotation",
     "normal_force_min",
@@ -89,34 +92,44 @@ def solve_many(
     columns["iterations"] = np.zeros(count, np.int64)
     for i in map(int, np.flatnonzero(~valid)):
         outcomes[i], messages[i] = Outcome.BAD_INPUT, _why_invalid(_row(values, i))
+    one_by_one = rows
     if model in ROWS:
         chosen = {name: column[rows] for name, column in values.items()}
-        table = _solve_table(ROWS[model], chosen, workers, progress)
+        vectors = np.ascontiguousarray(np.column_stack(list(normalised(SimpleNamespace(**chosen)).values())))
+        table = _solve_table(ROWS[model], vectors, workers, progress)
         _fill(columns, rows, chosen, table)
-        for i in np.flatnonzero((table["ending"] != Ending.SETTLED) | (table["normal_min"] <= 0)):
-            k = int(rows[i])
-            outcomes[k], messages[k] = outcome(table[i], Scene(**_row(values, k)))
-    else:
-        choose = {"tolerance": tolerance, "wanted": wanted} if model == auto.NAME else {}
-        solve: Callable[..., Solution] = partial(MODELS[model], **choose)
-        for i in map(int, rows):
-            found = solve(Scene(**_row(values, i)), profile=False)
-            outcomes[i], messages[i] = found.outcome, found.message
-            for name, number in _numbers(found).items():
-                columns[name][i] = number
-            if progress:
-                progress(1)
+        one_by_one = rows[_doubtful(vectors, table)]
+    choose = {"tolerance": tolerance, "wanted": wanted} if model == auto.NAME else {}
+    solve: Callable[..., Solution] = partial(MODELS[model], **choose)
+    for i in map(int, one_by_one):
+        found = solve(Scene(**_row(values, i)), profile=False)
+        outcomes[i], messages[i] = found.outcome, found.message
+        for name, number in _numbers(found).items():
+            columns[name][i] = number
+        if progress and model not in ROWS:
+            progress(1)
     return Batch(model=model, outcomes=tuple(outcomes), messages=tuple(messages), **columns)
+
+
+def _doubtful(vectors: Array, table: NDArray[Any]) -> NDArray[np.bool_]:
+    """Rows whose outcome needs the single solve: no solution, perhaps several, or elastic forces as great as tension.
+
+    Without these a single solve only repeats the compiled search, so that both give the same numbers. Rods whose layers
+    are slower than the solution had max(B, τ) > 4 p₃ in benchmarks/hard_cases.py; ELASTIC is an eighth of that.
+    """
+    tension = np.minimum(table["tension_AB"], vectors[:, TENSION_CD])
+    elastic = np.maximum(vectors[:, BENDING_RIGIDITY], 2 * np.pi * np.abs(table["twist_AB"]))
+    solved = (table["ending"] == Ending.SETTLED) & (table["normal_min"] > 0)
+    return ~(solved & (elastic <= ELASTIC * tension) & (feedback(vectors) < STRONG_FEEDBACK))
 
 
 def _solve_table(
     solve: Callable[[Array, Any], None],
-    values: Mapping[str, Array],
+    vectors: Array,
     workers: int,
     progress: Callable[[int], None] | None,
 ) -> NDArray[Any]:
     """Solve by compiled code, in chunks on threads."""
-    vectors = np.ascontiguousarray(np.column_stack(list(normalised(SimpleNamespace(**values)).values())))
     table = np.zeros(vectors.shape[0], ROW).view(np.recarray)
     solve(vectors[:0], table[:0])  # compiles or loads the machine code once, before the threads ask for it
     with ThreadPoolExecutor(workers) as pool:

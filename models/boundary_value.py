@@ -154,11 +154,12 @@ def solve_compiled(
 
 
 @compiled
-def jacobian_matrix(problem: Collocated, x: Array) -> Array:
-    """∂F/∂x at x, shape (m n + m + 1, m n + m + 1)."""
-    matrix = np.empty((x.shape[0], x.shape[0]))
+def evaluated(problem: Collocated, x: Array) -> tuple[Array, Array]:
+    """F(x), shape (m n + m + 1,), and ∂F/∂x, square."""
+    value, matrix = np.empty(x.shape[0]), np.empty((x.shape[0], x.shape[0]))
+    residual(problem, x, value)
     jacobian(problem, x, matrix)
-    return matrix
+    return value, matrix
 
 
 @compiled
@@ -167,6 +168,22 @@ def parameter_slopes(problem: Collocated, x: Array) -> Array:
     value = np.empty(x.shape[0], np.complex128)
     residuals(problem, x, x[-1] + 0j, value)
     return value.imag / COMPLEX_STEP
+
+
+@compiled
+def pointwise_slopes(problem: Any, f: Array, w: float, equation_count: int) -> Array:
+    """Derivatives of the equations by the pointwise arguments f, shape (a, points), as (points, m, a)."""
+    count, points = f.shape
+    out = np.empty(equation_count, np.complex128)
+    slopes = np.empty((points, equation_count, count))
+    for j in range(points):
+        argument = f[:, j].astype(np.complex128)
+        for a in range(count):
+            argument[a] += 1j * COMPLEX_STEP
+            equations(problem, argument, w + 0j, out)
+            slopes[j, :, a] = out.imag / COMPLEX_STEP
+            argument[a] = f[a, j]
+    return slopes
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,13 @@ import numpy as np
 
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, implement, inner
+from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
 from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
 from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search, solve_slow_manifold
+from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search
 
 NAME = "cosserat"
 
@@ -129,6 +130,6 @@ def solve_rows(scenes: Array, table: Any) -> None:
     find_rows(scenes, integration_matrices(), collocation_matrices(), table)
 
 
-def solve_cosserat(scene: Scene, *, profile: bool = True) -> Solution:
-    """Solve the printed equations on their slow manifold; without `profile` the numbers only."""
-    return solve_slow_manifold(scene, ROD, profile=profile)
+def solve_cosserat(scene: Scene, *, profile: bool = True, rotation: float | None = None) -> Solution:
+    """Solve the printed equations on their slow manifold; arguments as for the flexible yarn."""
+    return solve_rod(scene, ROD, profile=profile, rotation=rotation)

@@ -26,8 +26,16 @@ from models.compiled import compiled, implement, inner
 from models.discretisation import chebyshev_collocation, chebyshev_integration, interpolation, resample
 from models.friction import end_conditions, friction_direction
 from models.newton import CONVERGED, assign, jacobian, largest, newton, residual
-from models.outcome import Solution
-from models.refinement import NEWTON_FAILED, SETTLED, UNRESOLVED, Refined, compiled_relative_change, record
+from models.outcome import Outcome, Solution
+from models.refinement import (
+    NEWTON_FAILED,
+    SETTLED,
+    UNRESOLVED,
+    Refined,
+    compiled_relative_change,
+    record,
+    relative_change,
+)
 from models.scene import (
     FRICTION,
     SPAN_RATIO,
@@ -40,7 +48,9 @@ from models.scene import (
     Dimensionless,
     Scene,
 )
-from models.solution import PROFILE_POINTS, Fields, solution
+from models.self_consistency import STRONG_FEEDBACK, Roots, feedback, find_roots, path_values
+from models.self_consistency import TOLERANCE as ROOT_PRECISION
+from models.solution import PROFILE_POINTS, Fields, failed, solution
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
@@ -52,6 +62,8 @@ PRECISION = 1e-11
 TOLERANCES = (1e-11, 1e-9)
 """Of Newton's correction and of its residuals."""
 MAX_ITERATIONS = 60
+SAME_ROOT = 1e-6
+"""Relative difference of w below which two ways to a solution mean the same one."""
 SMALLEST_FRICTION_STEP = 1e-3
 """Share of μ below which the continuation from the frictionless yarn gives up."""
 
@@ -322,11 +334,73 @@ def solve_rows(scenes: Array, table: Any) -> None:
     find_rows(scenes, integration_matrices(), table)
 
 
-def solve_flexible(scene: Scene, *, profile: bool = True) -> Solution:
-    """Solve the flexible yarn; without `profile` its numbers only. Never raises for a hard scene: see the outcome."""
+def solve_flexible(scene: Scene, *, profile: bool = True, rotation: float | None = None) -> Solution:
+    """Solve the flexible yarn; without `profile` its numbers only. Never raises for a hard scene: see the outcome.
+
+    Parameters
+    ----------
+    rotation : n₁ [1/s] near which a solution is wanted, for a scene with several; without it, the one that the yarn
+        settles on while the friction is raised from zero.
+    """
     problem = scene.dimensionless()
     found = find(problem.vector, integration_matrices())
-    return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None)
+    settled = found.ending == SETTLED
+    if settled and feedback(problem.vector) < STRONG_FEEDBACK:
+        return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None)
+    roots = find_roots(problem.vector)
+    w = choose(scene, roots, rotation)
+    if w is None:
+        return failed(scene, NAME, Outcome.STICKING, Outcome.STICKING.value, found)
+    others = several(scene, roots, w)
+    if settled and abs(found.w - w) <= SAME_ROOT * (1 + abs(w)):
+        return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None, others=others)
+    exact = _on_path(problem, w)
+    return solution(scene, NAME, exact, (lambda: _path_fields(problem, w)) if profile else None, others=others)
+
+
+def choose(scene: Scene, roots: Roots, rotation: float | None = None) -> float | None:
+    """The w of the solution to take: nearest to a wanted n₁ [1/s], else the one that the yarn settles on."""
+    if not roots.w:
+        return None
+    if rotation is not None:
+        wanted = rotation * scene.cylinder_radius / scene.delivery_speed
+        return min(roots.w, key=lambda w: abs(w - wanted))
+    return roots.settled if np.isfinite(roots.settled) else roots.w[0]
+
+
+def several(scene: Scene, roots: Roots, taken: float) -> str:
+    """The other solutions and how to get them; empty where there are none."""
+    if len(roots.w) < 2:
+        return ""
+    unit = scene.delivery_speed / scene.cylinder_radius
+    others = ", ".join(f"{w * unit:.6g}" for w in roots.w if w != taken)
+    return f"n₁ = {taken * unit:.6g} /s; others at n₁ = {others} /s: solve with rotation= near one of them"
+
+
+def _path_fields(scene: Dimensionless, w: float) -> Fields:
+    """The solution with a known w along the contact, by adaptive quadrature."""
+    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
+    q, log_p, tau = path_values(scene.vector, w, psi, ROOT_PRECISION)
+    sine, cosine = 1 / np.cosh(q), -np.tanh(q)
+    spin = 2 * np.pi * scene.yarn_radius * (w - scene.twist_CD)
+    across, along = scene.cylinder_speed * sine + spin, scene.cylinder_speed * cosine + 1
+    slope = scene.friction * across / np.hypot(across, along) * sine
+    theta, tension = 2 * np.arctan(np.exp(q)), scene.tension_CD * np.exp(log_p)
+    return Fields(scene, psi, theta, slope, tension, tau, tension * sine**2)
+
+
+def _on_path(scene: Dimensionless, w: float) -> Refined:
+    """The solution with a known w, and its error as the change by a hundredfold tolerance."""
+    fields = _path_fields(scene, w)
+    coarse = path_values(scene.vector, w, fields.psi[[0, -1]], 100 * ROOT_PRECISION)[:, 0]
+    at_B = np.array([fields.tension[0], fields.twist[0], fields.theta[0]])
+    change = at_B - ends(scene.tension_CD, *coarse)
+    lowest = int(np.argmin(fields.normal_force))
+    return Refined(
+        SETTLED, CONVERGED, 0, np.empty((3, 0)), w, at_B, change, relative_change(at_B, at_B - change),
+        float(fields.theta[-1]), float(fields.normal_force[lowest]), float(fields.psi[lowest]), 0, np.nan, np.nan,
+        np.nan, np.nan,
+    )  # fmt: skip
 
 
 def _fields(scene: Dimensionless, found: Refined) -> Fields:

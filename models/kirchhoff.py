@@ -21,12 +21,13 @@ import numpy as np
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, implement, inner
 from models.cosserat import boundary
+from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
 from models.friction import friction_direction
 from models.outcome import Solution
 from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search, solve_slow_manifold
+from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search
 
 NAME = "kirchhoff"
 
@@ -39,16 +40,20 @@ class Consistent(NamedTuple):
 
 
 @inner
-def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
-    """Force along t and along e_v without friction, and N, in units of p₃CD; f as for the printed model, u₃ for τ."""
-    theta, d1, d2, d3, P, dP, u3, du3 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
+def balance_by_arc(
+    scene: Values, sine: Any, cosine: Any, theta: tuple[Any, ...], tension: tuple[Any, ...], twist: tuple[Any, ...]
+) -> tuple[Any, Any, Any]:
+    """Force along t and along e_v without friction, and N, in units of p₃CD.
+
+    Parameters
+    ----------
+    theta : θ_s, θ_ss and θ_sss.
+    tension, twist : P and u₃, each with its derivative by s.
+    """
     B, unit = scene[BENDING_RIGIDITY], 1 / scene[TENSION_CD]
-    sine, cosine = np.sin(theta), np.cos(theta)
-    # d/ds = sinθ d/dψ, applied three times.
-    theta_s = sine * d1
-    theta_ss = sine * (sine * d2 + cosine * d1 * d1)
-    theta_sss = sine * (sine * sine * d3 + 4 * sine * cosine * d1 * d2 + (cosine * cosine - sine * sine) * d1 * d1 * d1)
-    u3_s = sine * du3
+    theta_s, theta_ss, theta_sss = theta
+    P, P_s = tension
+    u3, u3_s = twist
     V = unit * (B * theta_ss - B * sine * sine * sine * cosine + u3 * sine * sine)
     V_s = unit * (
         B * theta_sss
@@ -60,9 +65,23 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
     Q_s = unit * (
         (3 * B * (cosine * cosine - sine * sine) * theta_s - u3_s) * theta_s + (3 * B * sine * cosine - u3) * theta_ss
     )
-    along = sine * dP + V * theta_s + Q * sine * sine
+    along = P_s + V * theta_s + Q * sine * sine
     across = -P * theta_s + V_s - Q * sine * cosine
     return along, across, P * sine * sine - V * sine * cosine - Q_s
+
+
+@inner
+def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
+    """Force along t and along e_v without friction, and N, in units of p₃CD; f as for the printed model, u₃ for τ."""
+    theta, d1, d2, d3, P, dP, u3, du3 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
+    sine, cosine = np.sin(theta), np.cos(theta)
+    # d/ds = sinθ d/dψ, applied three times.
+    by_arc = (
+        sine * d1,
+        sine * (sine * d2 + cosine * d1 * d1),
+        sine * (sine * sine * d3 + 4 * sine * cosine * d1 * d2 + (cosine * cosine - sine * sine) * d1 * d1 * d1),
+    )
+    return balance_by_arc(scene, sine, cosine, by_arc, (P, sine * dP), (u3, sine * du3))
 
 
 def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
@@ -118,6 +137,6 @@ def solve_rows(scenes: Array, table: Any) -> None:
     find_rows(scenes, integration_matrices(), collocation_matrices(), table)
 
 
-def solve_kirchhoff(scene: Scene, *, profile: bool = True) -> Solution:
-    """Solve the consistent rod on its slow manifold; without `profile` the numbers only."""
-    return solve_slow_manifold(scene, ROD, profile=profile)
+def solve_kirchhoff(scene: Scene, *, profile: bool = True, rotation: float | None = None) -> Solution:
+    """Solve the consistent rod on its slow manifold; arguments as for the flexible yarn."""
+    return solve_rod(scene, ROD, profile=profile, rotation=rotation)

@@ -16,14 +16,26 @@ class Outcome(Enum):
     """How a solve ended; the value is the text that tells the user what it means and what to do."""
 
     CONVERGED = "converged"
+    SEVERAL_SOLUTIONS = (
+        "the twist acts back on itself so strongly that the scene has several solutions; unless another is asked for, "
+        "the one is taken that the yarn settles on while the friction is raised from zero"
+    )
     NOT_CONVERGED = (
         "Newton's method did not reach a small residual: start from a nearer solution, or approach this scene in "
         "steps from one that converges"
     )
     SINGULAR = "the linear system of a Newton step is singular: the scene may be at a fold, where two solutions meet"
+    FOLD = (
+        "two solutions meet at a fold and vanish: on the branch that starts at the frictionless yarn there is no "
+        "solution beyond it"
+    )
+    STICKING = (
+        "the yarn comes to rest on the moving surface over a part of the contact, where friction has no direction: "
+        "there is no sliding solution"
+    )
     NO_SCALE_SEPARATION = (
-        "the end layers of width √(B/p₃) are not thin against the wrap, so the printed equations with four boundary "
-        "conditions do not determine a solution: use the flexible model, or raise the tension or the wrap angle"
+        "the end layers are no faster than the solution between them, so the equations with four boundary conditions "
+        "do not determine a solution: use the flexible model, or raise the tension"
     )
     LIFT_OFF = "the normal force is not positive everywhere: the yarn lifts off the cylinder and contact is lost"
 
@@ -32,11 +44,15 @@ class Outcome(Enum):
     @property
     def ok(self) -> bool:
         """Whether the numbers are a solution of the model."""
-        return self is Outcome.CONVERGED
+        return self in (Outcome.CONVERGED, Outcome.SEVERAL_SOLUTIONS)
+
+
+SOLVED = frozenset(outcome.name.lower() for outcome in Outcome if outcome.ok)
+"""Names, as tables hold them, of the outcomes whose numbers are a solution."""
 
 
 class SolveError(RuntimeError):
-    """Raised on request when a solve does not end in `Outcome.CONVERGED`; carries the solution."""
+    """Raised on request when a solve ends without numbers; carries the solution."""
 
     def __init__(self, solution: "Solution"):
         super().__init__(f"{solution.model}: {solution.outcome.name.lower()}: {solution.message}")

@@ -105,8 +105,8 @@ def record(found: Refined, row: Any) -> None:
     row.residual, row.boundary_residual = found.residual, found.boundary_residual
 
 
-def outcome(found: Any, scene: Scene) -> tuple[Outcome, str]:
-    """The outcome of a `Refined`, or of a row of a record array of type ROW, in words that advise."""
+def outcome(found: Refined, scene: Scene) -> tuple[Outcome, str]:
+    """The outcome of a solution in words that advise."""
     match Ending(found.ending):
         case Ending.SETTLED if found.normal_min > 0:
             return Outcome.CONVERGED, ""

@@ -5,7 +5,7 @@ way from an input in SI to the dimensionless numbers, ∂F/∂λ, and the way fr
 complex steps, so nothing is truncated: what is left is the discretisation error of the solution itself.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models import capstan, cosserat, flexible, kirchhoff, slow_manifold
-from models.boundary_value import COMPLEX_STEP, Array, Collocated, jacobian_matrix, parameter_slopes
+from models import capstan, cosserat, flexible, kirchhoff, kirchhoff_spans, slow_manifold
+from models.boundary_value import COMPLEX_STEP, Array, Collocated, evaluated, parameter_slopes
 from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.outcome import Ends
 from models.refinement import Refined, outcome
 from models.scene import TENSION_CD, WRAP_ANGLE, Scene, normalised
-from models.slow_manifold import Rod
+from models.self_consistency import STRONG_FEEDBACK, feedback, find_roots
 
 Complex = NDArray[np.complex128]
 
@@ -28,15 +28,28 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     """Derivatives of the ends by field name of `Scene`, each in SI units of the end per SI unit of the input.
 
     `cosserat-fd` shares the equations of `cosserat`, and `capstan` is an approximation of `flexible`: the derivatives
-    are those of the latter. None where the model has no solution for the scene.
+    are those of the latter. None where the model has no solution for the scene, or where the flexible yarn has several:
+    the plain search may then have found another one than was reported.
     """
     vector = scene.dimensionless().vector
+    if feedback(vector) >= STRONG_FEEDBACK and len(find_roots(vector).w) > 1:
+        return None
+    if model == kirchhoff_spans.NAME:
+        elastic = kirchhoff_spans.find(scene.dimensionless())
+        kind, orders, at_B = kirchhoff_spans.Spans, kirchhoff_spans.ORDERS, kirchhoff_spans.ends
+        return _collocated(scene, vector, elastic, kind, orders, at_B) if outcome(elastic, scene)[0].ok else None
     if model in (flexible.NAME, capstan.NAME):
         found = flexible.find(vector, flexible.integration_matrices())
         return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
     rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
     found = rod.find(vector, flexible.integration_matrices(), slow_manifold.collocation_matrices())
-    return _rod(scene, vector, found, rod) if outcome(found, scene)[0].ok else None
+    if not outcome(found, scene)[0].ok:
+        return None
+    return _collocated(scene, vector, found, rod.problem, slow_manifold.ORDERS, _rod_ends)
+
+
+def _rod_ends(tension_CD: Any, at_B: NDArray[Any]) -> NDArray[Any]:
+    return slow_manifold.rod_ends(tension_CD, *at_B)
 
 
 def _moved(scene: Scene) -> dict[str, tuple[float, SimpleNamespace, Complex]]:
@@ -59,18 +72,25 @@ def _ends(inputs: SimpleNamespace, dimensionless: NDArray[Any], step: float) -> 
     return Ends(*map(float, si.imag / step))
 
 
-def _rod(scene: Scene, vector: Array, found: Refined, rod: Rod) -> dict[str, Ends]:
+def _collocated(
+    scene: Scene,
+    vector: Array,
+    found: Refined,
+    make: Callable[[Any], Any],
+    orders: NDArray[np.int64],
+    ends: Callable[[Any, NDArray[Any]], NDArray[Any]],
+) -> dict[str, Ends]:
     x = np.append(found.fields, found.w)
     grid = chebyshev_collocation(found.degree, scene.wrap_angle)
-    matrix = jacobian_matrix(Collocated(rod.problem(vector), slow_manifold.ORDERS, grid.derivatives), x)
-    at_B = slice(0, 3 * (found.degree + 1), found.degree + 1)
+    _, matrix = evaluated(Collocated(make(vector), orders, grid.derivatives), x)
+    at_B = slice(0, orders.size * (found.degree + 1), found.degree + 1)
     result: dict[str, Ends] = {}
     for name, (step, inputs, numbers) in _moved(scene).items():
         derivatives = chebyshev_collocation(found.degree, numbers[WRAP_ANGLE]).derivatives.astype(np.complex128)
-        slopes = parameter_slopes(Collocated(rod.problem(numbers), slow_manifold.ORDERS, derivatives), x)
-        direction = -np.linalg.solve(matrix, slopes)
+        slopes = parameter_slopes(Collocated(make(numbers), orders, derivatives), x)
+        direction = np.asarray(-np.linalg.solve(matrix, slopes), dtype=np.float64)
         moved = x[at_B] + 1j * COMPLEX_STEP * direction[at_B]
-        result[name] = _ends(inputs, slow_manifold.rod_ends(numbers[TENSION_CD], *moved), step)
+        result[name] = _ends(inputs, ends(numbers[TENSION_CD], moved), step)
     return result
 
 

@@ -20,8 +20,7 @@ import numpy as np
 
 from models.boundary_value import Array, Collocated, Values, pointwise_arguments
 from models.compiled import inner
-from models.discretisation import chebyshev_collocation, chebyshev_reference, interpolation, resample
-from models.flexible import integration_matrices
+from models.discretisation import chebyshev_reference, resample
 from models.newton import (
     CONVERGED,
     LinearSystem,
@@ -36,7 +35,6 @@ from models.newton import (
     one_norm,
     residual,
 )
-from models.outcome import Solution
 from models.refinement import (
     DRIFTING,
     ILL_CONDITIONED,
@@ -46,8 +44,8 @@ from models.refinement import (
     Refined,
     compiled_relative_change,
 )
-from models.scene import TENSION_CD, WRAP_ANGLE, Dimensionless, Scene
-from models.solution import PROFILE_POINTS, Fields, solution
+from models.scene import TENSION_CD, WRAP_ANGLE, Dimensionless
+from models.solution import Fields
 
 ORDERS = np.array([3, 1, 1])
 """Highest derivatives of the fields θ, p₃/p₃CD and τ."""
@@ -220,20 +218,6 @@ class Rod:
     """Compiled search, from the scene's numbers and the matrices of the flexible yarn and of the rod."""
     normal_forces: Callable[[Array, Array], Array]
     """N in K/r₀³, shape (n,), from the scene's numbers and the pointwise arguments, shape (8, n)."""
-
-
-def solve_slow_manifold(scene: Scene, rod: Rod, *, profile: bool) -> Solution:
-    """Solve by collocation of rising degree from the flexible yarn's solution. The outcome says what happened."""
-    problem = scene.dimensionless()
-    found = rod.find(problem.vector, integration_matrices(), collocation_matrices())
-    return solution(scene, rod.name, found, (lambda: _fields(problem, rod, found)) if profile else None)
-
-
-def _fields(scene: Dimensionless, rod: Rod, found: Refined) -> Fields:
-    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
-    to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
-    matrices = to_profile @ chebyshev_collocation(found.degree, scene.wrap_angle).nodal_derivatives
-    return rod_fields(scene, rod, found.fields, psi, matrices)
 
 
 def rod_fields(scene: Dimensionless, rod: Rod, nodal: Array, psi: Array, matrices: Array) -> Fields:

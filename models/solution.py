@@ -43,17 +43,22 @@ class Fields:
         return sine * np.sqrt(self.theta_slope**2 + sine**2)
 
 
-def solution(scene: Scene, model: str, found: Refined, fields: Callable[[], Fields] | None) -> Solution:
+def solution(
+    scene: Scene, model: str, found: Refined, fields: Callable[[], Fields] | None, *, others: str = ""
+) -> Solution:
     """Build the solution in SI; its numbers are NaN and the outcome says why where there is none.
 
     Parameters
     ----------
     fields : evaluates the solution along the contact; None where only the numbers are asked for.
+    others : what is known of other solutions of the scene; empty where there are none.
     """
     result, message = outcome(found, scene)
     lowest = found.normal_min * scene.force_unit / scene.cylinder_radius
     if not result.ok:
         return failed(scene, model, result, message, found, lowest if result is Outcome.LIFT_OFF else math.nan)
+    if others:
+        result, message = Outcome.SEVERAL_SOLUTIONS, f"{Outcome.SEVERAL_SOLUTIONS.value} ({others})"
     to_si = np.array([scene.force_unit, 1 / scene.cylinder_radius, 1.0])
     return Solution(
         scene=scene,

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from models import auto, capstan, cosserat, cosserat_fd, flexible, kirchhoff
+from models import auto, capstan, cosserat, cosserat_fd, flexible, kirchhoff, kirchhoff_spans
 from models.outcome import Solution
 from models.scene import Scene
 
@@ -27,6 +27,7 @@ MODELS: Mapping[str, Solver] = MappingProxyType(
         cosserat.NAME: cosserat.solve_cosserat,
         cosserat_fd.NAME: cosserat_fd.solve_cosserat_fd,
         kirchhoff.NAME: kirchhoff.solve_kirchhoff,
+        kirchhoff_spans.NAME: kirchhoff_spans.solve_kirchhoff_spans,
         auto.NAME: auto.solve_auto,
     }
 )

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from models import auto
 from models.batch import Batch, solve_many
-from models.outcome import Ends
+from models.outcome import SOLVED, Ends
 from models.scene import Scene
 from models.sensitivity import sensitivities
 from models.solve import MODELS
@@ -94,7 +94,7 @@ class TableRow:
     @property
     def ok(self) -> bool:
         """Whether the solve converged."""
-        return self.outcome == "converged"
+        return self.outcome in SOLVED
 
     def as_json(self) -> dict[str, object]:
         """The row with null for numbers that are not known."""

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from models.outcome import Profile, Solution
+from models.outcome import SOLVED, Profile, Solution
 from models.scene import Scene
 from models.solve import MODELS
 from pipeline.errors import InputError, refuse_unknown
@@ -129,7 +129,7 @@ class SweepRow:
     @property
     def ok(self) -> bool:
         """Whether the solve converged."""
-        return self.outcome == "converged"
+        return self.outcome in SOLVED
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
+from models.outcome import SOLVED
 from pipeline.records import Comparison, Quantity
 
 DECIMALS = {Quantity.TENSION_AB: 2, Quantity.TWIST_AB: 0, Quantity.THETA_B: 2}
@@ -174,7 +175,7 @@ def statements(tree: xr.DataTree) -> list[str]:
             said.append(f"Largest error in {NAMES[quantity]} ({quantity.symbol}): {parts}.")
     said += [_ordering_statement(rows, quantity) for quantity in (Quantity.TENSION_AB, Quantity.TWIST_AB)]
     said += [_bending_statement(rows), _ranking_statement(rows)]
-    failed = {(row.model, row.case): row for row in rows if row.outcome != "converged"}.values()
+    failed = {(row.model, row.case): row for row in rows if row.outcome not in SOLVED}.values()
     for row in failed:
         said.append(f"No solution: {row.model} in {row.case}: {row.outcome.replace('_', ' ')}. {row.message}")
     if not failed:
@@ -331,7 +332,7 @@ def table2_html(tree: xr.DataTree) -> str:
     cells = []
     for row in comparisons(tree):
         decimals = DECIMALS[row.quantity]
-        unsolved = NO_MEASUREMENT if row.outcome == "converged" else f"no solution: {row.message}"
+        unsolved = NO_MEASUREMENT if row.outcome in SOLVED else f"no solution: {row.message}"
         unstated = f"not stated: {', '.join(row.missing_u)}"
         bound = number(row.bound_percent, 1, why_missing=NO_BOUND)
         verdict = _verdict(row.within if row.bounded else None, NO_BOUND)

@@ -1,0 +1,318 @@
+"""Solving a rod on its slow manifold, and what is true of a scene where the plain search finds no solution.
+
+Linearised at a point, the pointwise equations E y' + A y = 0 for y = (θ, θ', θ'', p₃, τ) have five rates; two belong to
+the layers, three to the solution between them. The slow manifold means something only where the layers are faster:
+
+    R = min over ψ of |λ₄| / max(|λ₃|, 1),    |λ₁| ≤ … ≤ |λ₅|,
+
+with 1 rad as the longest scale that the geometry knows. Its expansion in 1/R, like any asymptotic series, leaves an
+error that falls exponentially with R. R is a property of the equations, whatever the degree of the polynomial.
+
+Where the search over low degrees fails, in this order: higher degrees, from the flexible yarn; the branch of solutions
+that starts at the frictionless yarn, a circle at constant tension and twist, followed in μ; and at its end the reason:
+a fold, lost contact, or R too small.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from models import flexible
+from models.boundary_value import Array, Collocated, evaluated, pointwise_slopes, solve
+from models.continuation import Branch, End, collocated_family, follow
+from models.discretisation import chebyshev_collocation, interpolation
+from models.flexible import integration_matrices
+from models.newton import NewtonStatus
+from models.outcome import Outcome, Solution
+from models.refinement import SETTLED, Refined, relative_change
+from models.scene import FRICTION, Dimensionless, Scene
+from models.self_consistency import STRONG_FEEDBACK, TOLERANCE, feedback, find_roots, path_values
+from models.slow_manifold import (
+    LARGEST_CHANGE,
+    LARGEST_CONDITION,
+    ORDERS,
+    PRECISION,
+    TOLERANCES,
+    Rod,
+    collocation_matrices,
+    rod_ends,
+    rod_fields,
+)
+from models.solution import PROFILE_POINTS, Fields, failed, solution
+
+HIGHER_DEGREES = (10, 14, 18, 24, 32, 40, 48)
+SAMPLES = 41
+SHIFT = 0.3717
+"""No rate of a real scene, as far as one can choose."""
+CONDITION_OF_LAYERS, GROWTH_BY_LAYERS = 1e7, 100.0
+"""Scaled condition number, and its growth over the degrees, that say that the polynomials carry layers."""
+MAX_ITERATIONS, MAX_FAILURES = 15, 3
+"""Of Newton's method at one degree, and of degrees one after another."""
+BRANCH_DEGREE, FINER_BRANCH_DEGREE = 12, 20
+"""A fold is located with both; the difference is stated."""
+SEPARATED = 2.0
+"""R below which a scene without a solution is one without scale separation; see benchmarks/hard_cases.py."""
+LEAST_SEPARATION = 1.0
+"""R below which no solution is reported, however well it seems to settle: layers that are slower are none."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """Values of θ, p₃/p₃CD and τ, as a function of the degree, shape (3, degree + 1), and w."""
+
+    values: Callable[[int], Array]
+    w: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Failure:
+    """Why there is no solution."""
+
+    outcome: Outcome
+    message: str
+
+
+def solve_rod(scene: Scene, rod: Rod, *, profile: bool, rotation: float | None) -> Solution:
+    """Solve on the slow manifold; the outcome says what happened, with the reason.
+
+    Parameters
+    ----------
+    profile : whether to evaluate the solution along the contact.
+    rotation : n₁ [1/s] near which a solution is wanted, where the flexible yarn has several.
+    """
+    problem = scene.dimensionless()
+    first = rod.find(problem.vector, integration_matrices(), collocation_matrices())
+    found, others = _find(scene, problem, rod, rotation, first)
+    if isinstance(found, _Failure):
+        return failed(scene, rod.name, found.outcome, found.message, first)
+    return solution(scene, rod.name, found, (lambda: _fields(problem, rod, found)) if profile else None, others=others)
+
+
+def _fields(scene: Dimensionless, rod: Rod, found: Refined) -> Fields:
+    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
+    to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
+    matrices = to_profile @ chebyshev_collocation(found.degree, scene.wrap_angle).nodal_derivatives
+    return rod_fields(scene, rod, found.fields, psi, matrices)
+
+
+def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> float:
+    """R of the linearised equations along the nodal fields θ, p₃/p₃CD and τ, shape (3, n + 1)."""
+    degree = fields.shape[1] - 1
+    matrices = chebyshev_collocation(degree, problem.wrap_angle).nodal_derivatives
+    to_points = interpolation(degree, SAMPLES - 1, even=True)
+    values = np.array(
+        [
+            to_points @ (matrices[k] @ field)
+            for field, order in zip(fields, ORDERS, strict=True)
+            for k in range(order + 1)
+        ]
+    )
+    slopes = pointwise_slopes(rod.problem(problem.vector), values, w, 3)
+    if not np.all(np.isfinite(slopes)):
+        return 0.0
+    highest, lower = np.zeros((SAMPLES, 5, 5)), np.zeros((SAMPLES, 5, 5))
+    highest[:, [0, 1], [0, 1]] = lower[:, [0, 1], [1, 2]] = 1.0
+    highest[:, 2:, 2:] = slopes[:, :, [3, 5, 7]]
+    lower[:, 2:] = -slopes[:, :, [0, 1, 2, 4, 6]]
+    # Shifted and inverted, so that a layer of no width, a rate without bound, is an eigenvalue 0.
+    inverted = np.linalg.eigvals(np.linalg.solve(lower - SHIFT * highest, highest))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rates = np.sort(np.abs(SHIFT + 1 / inverted), axis=1)
+    ratios = rates[:, 3] / np.maximum(rates[:, 2], 1.0)
+    return float(np.min(ratios[np.isfinite(ratios)], initial=math.inf))
+
+
+@dataclass(frozen=True, slots=True)
+class _Climb:
+    """What raising the degree gave."""
+
+    best: Refined | None
+    """Where the ends settled to LARGEST_CHANGE."""
+    smallest_change: float
+    lowest_condition: float
+    highest_condition: float
+    """Scaled condition numbers over the degrees."""
+
+    @property
+    def found(self) -> str:
+        """The evidence in words."""
+        settling = f"to {self.smallest_change:.1e}" if math.isfinite(self.smallest_change) else "at no two degrees"
+        return f"the ends settle {settling} before the polynomials carry the layers, which are not thin enough"
+
+    @property
+    def layers_entered(self) -> bool:
+        """Whether the polynomials carry the layers; without them the scaled condition number hardly grows."""
+        return self.highest_condition > CONDITION_OF_LAYERS or (
+            self.highest_condition > GROWTH_BY_LAYERS * self.lowest_condition
+        )
+
+
+def _find(
+    scene: Scene, problem: Dimensionless, rod: Rod, rotation: float | None, first: Refined
+) -> tuple[Refined | _Failure, str]:
+    """The solution or the reason why there is none, and what is known of other solutions."""
+    strong = bool(feedback(problem.vector) >= STRONG_FEEDBACK)
+    if first.ending == SETTLED and not strong:
+        return _separated(problem, rod, first), ""
+    start, others = _flexible_start(scene, problem, rotation, strong)
+    climb = _climb(problem, rod, start) if start is not None else None
+    if climb is not None and climb.best is not None:
+        return _separated(problem, rod, climb.best), others
+    if first.ending == SETTLED:
+        return _separated(problem, rod, first), others
+    return _from_frictionless(problem, rod, start, climb), others
+
+
+def _separated(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Failure:
+    """The solution, or NO_SCALE_SEPARATION where its layers are slower than itself."""
+    ratio = separation(problem, rod, found.fields, found.w)
+    if ratio >= LEAST_SEPARATION:
+        return found
+    return _no_separation(f"R = {ratio:.2g} on the solution")
+
+
+def _no_separation(detail: str) -> _Failure:
+    text = f"{Outcome.NO_SCALE_SEPARATION.value} (rate of the layers over that of the solution: {detail})"
+    return _Failure(Outcome.NO_SCALE_SEPARATION, text)
+
+
+def _flexible_start(
+    scene: Scene, problem: Dimensionless, rotation: float | None, strong: bool
+) -> tuple[_Start | None, str]:
+    """The flexible yarn's solution to start from, the settled one among several, and what is known of the others."""
+    yarn = flexible.find(problem.vector, integration_matrices())
+    if yarn.ending == SETTLED and not strong:
+        nodal = _rod_values(*yarn.fields)
+        return _Start(lambda degree: nodal @ interpolation(yarn.degree, degree).T, float(yarn.w)), ""
+    roots = find_roots(problem.vector)
+    w = flexible.choose(scene, roots, rotation)
+    if w is None:
+        return None, ""
+
+    def values(degree: int) -> Array:
+        nodes = chebyshev_collocation(degree, problem.wrap_angle).nodes
+        return _rod_values(*path_values(problem.vector, w, nodes, TOLERANCE))
+
+    return _Start(values, w), flexible.several(scene, roots, w)
+
+
+def _rod_values(q: Array, log_p: Array, tau: Array) -> Array:
+    """θ, p₃/p₃CD and τ."""
+    return np.array([2 * np.arctan(np.exp(q)), np.exp(log_p), tau])
+
+
+def _scaled_condition(jacobian: Array, x: Array) -> float:
+    """Condition number with unknowns in units of 1 + |x| and rows of largest element 1: it sees modes, not units."""
+    if not np.all(np.isfinite(jacobian)):
+        return math.inf
+    scaled = jacobian * (1 + np.abs(x))
+    return float(np.linalg.cond(scaled / np.max(np.abs(scaled), axis=1, keepdims=True), 1))
+
+
+def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
+    """Raise the degree further than the plain search does, until the ends settle."""
+    best: Refined | None = None
+    smallest, lowest_condition, highest_condition = math.inf, math.inf, 0.0
+    previous: Array | None = None
+    fields: Array | None = None
+    w, iterations, failures = start.w, 0, 0
+    for degree in HIGHER_DEGREES:
+        grid = chebyshev_collocation(degree, problem.wrap_angle)
+        first = start.values(degree) if fields is None else fields @ interpolation(fields.shape[1] - 1, degree).T
+        result = solve(
+            rod.problem(problem.vector), ORDERS, grid, first, w,
+            step_tolerance=TOLERANCES[0], max_iterations=MAX_ITERATIONS,
+        )  # fmt: skip
+        iterations += result.iterations
+        x = np.append(result.fields, result.w)
+        collocated = Collocated(rod.problem(problem.vector), ORDERS, grid.derivatives)
+        condition = _scaled_condition(evaluated(collocated, x)[1], x)
+        lowest_condition, highest_condition = min(condition, lowest_condition), max(condition, highest_condition)
+        if result.status is not NewtonStatus.CONVERGED:
+            failures += 1
+            if failures == MAX_FAILURES:
+                break
+            continue
+        failures = 0
+        if condition > LARGEST_CONDITION:
+            break
+        fields, w = result.fields, result.w
+        ends = rod_ends(problem.tension_CD, *fields[:, 0])
+        if previous is not None:
+            change = relative_change(ends, previous)
+            if change < smallest:
+                smallest = change
+                normal = rod_fields(problem, rod, fields, grid.nodes, grid.nodal_derivatives).normal_force
+                lowest = int(np.argmin(normal))
+                best = Refined(
+                    SETTLED, result.status, degree, fields, w, ends, ends - previous, change, float(fields[0, -1]),
+                    float(normal[lowest]), float(grid.nodes[lowest]), iterations, result.step, result.residual,
+                    result.boundary_residual, condition,
+                )  # fmt: skip
+            if change < PRECISION:
+                break
+        previous = ends
+    settled = smallest <= LARGEST_CHANGE
+    return _Climb(best if settled else None, smallest, lowest_condition, highest_condition)
+
+
+def _from_frictionless(
+    problem: Dimensionless, rod: Rod, start: _Start | None, climb: _Climb | None
+) -> Refined | _Failure:
+    """Follow the branch from μ = 0: the solution at its end, or the reason why there is none."""
+    branch = _follow(problem, rod, BRANCH_DEGREE)
+    fields, w = _split(branch.x)
+    if branch.end is End.REACHED:
+        climb = _climb(problem, rod, _Start(lambda degree: fields @ interpolation(BRANCH_DEGREE, degree).T, w))
+        if climb.best is not None:
+            return _separated(problem, rod, climb.best)
+    if branch.end is End.TURNED:
+        at_fold = separation(_at(problem, branch.folds[0].parameter), rod, *_split(branch.folds[0].x))
+        if at_fold >= SEPARATED:
+            return _fold(problem, rod, branch)
+        return _no_separation(f"R = {at_fold:.2g} at μ = {branch.folds[0].parameter:.3g}")
+    at_end = separation(_at(problem, branch.parameter), rod, fields, w)
+    at_start = separation(problem, rod, start.values(BRANCH_DEGREE), start.w) if start is not None else math.inf
+    if min(at_start, at_end) < SEPARATED:
+        detail = f"R = {at_start:.2g} on the flexible yarn, {at_end:.2g} on the rod at μ = {branch.parameter:.3g}"
+        return _no_separation(detail)
+    if climb is not None and climb.layers_entered:
+        return _no_separation(f"R = {at_end:.2g}; {climb.found}")
+    return _Failure(
+        Outcome.NOT_CONVERGED,
+        f"{Outcome.NOT_CONVERGED.value} (followed from no friction to μ = {branch.parameter:.3g}: {branch.end.value}; "
+        f"R = {at_end:.2g}, {at_start:.2g} on the flexible yarn)",
+    )
+
+
+def _at(problem: Dimensionless, friction: float) -> Dimensionless:
+    values = {name: getattr(problem, name) for name in Dimensionless.__dataclass_fields__}
+    return Dimensionless(**values | {"friction": max(friction, 0.0)})
+
+
+def _split(x: Array) -> tuple[Array, float]:
+    return x[:-1].reshape(3, -1), float(x[-1])
+
+
+def _follow(problem: Dimensionless, rod: Rod, degree: int) -> Branch:
+    """The branch from the frictionless circle to μ."""
+    x = np.empty(3 * (degree + 1) + 1)
+    x[: degree + 1], x[degree + 1 : 2 * (degree + 1)] = np.pi / 2, 1.0
+    x[2 * (degree + 1) : -1], x[-1] = 2 * np.pi * problem.twist_CD, problem.twist_rotation(problem.twist_CD)
+    grid = chebyshev_collocation(degree, problem.wrap_angle)
+    make: Callable[[Any], Any] = rod.problem
+    family = collocated_family(make, problem.vector, FRICTION, ORDERS, grid)
+    with np.errstate(all="ignore"):  # a trial may leave the domain: it then counts as failed
+        return follow(family, x, 0.0, problem.friction)
+
+
+def _fold(problem: Dimensionless, rod: Rod, branch: Branch) -> _Failure:
+    """FOLD, with the friction at which the branch ends by two degrees."""
+    coarse = branch.folds[0].parameter
+    finer = _follow(problem, rod, FINER_BRANCH_DEGREE)
+    at = finer.folds[0].parameter if finer.folds else coarse
+    detail = f"μ = {at:.4g}, to about {abs(at - coarse):.1g}; here μ = {problem.friction:.4g}"
+    return _Failure(Outcome.FOLD, f"{Outcome.FOLD.value} ({detail})")
