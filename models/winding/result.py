@@ -37,7 +37,7 @@ class Snapshot:
     layer: Integers
     """Layer of each node, from 1, shape (n,). A layer is one guide cycle."""
     position: Array
-    """(x, y, z) of the yarn's centre line [m], shape (n, 3); e_z is the bobbin's axis, z = 0 the middle of the stroke."""
+    """(x, y, z) of the yarn's centre line [m], shape (n, 3); e_z is the axis, z = 0 the middle of the stroke."""
     tension: Array
     """Mean tension of the elements before and after each node [N], shape (n,)."""
 

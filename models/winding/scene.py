@@ -11,6 +11,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from models.winding.drive import travel
+
 Mode = Literal["auto", "fast", "reference"]
 Feed = Literal["active", "tail"]
 Wanted = Literal["span", "layers"]
@@ -69,6 +71,10 @@ class WindingScene:
     """Eyelet to guide [m] with the active feed [A]; with `tail` the length of yarn upstream of the guide [P] 9 m: it
     must be longer than what is wound."""
 
+    feed_memory: float = 0.02
+    """Time constant [s] over which the active feed forgets a change of speed: faster changes meet the impedance ρc of
+    the yarn upstream, slower ones T₀ alone. [A]."""
+
     # Guide and traverse
     guide_distance: float = 0.06
     """Guide to the bobbin's topmost line [m]. [A]."""
@@ -79,7 +85,7 @@ class WindingScene:
     winding_angle: float = math.radians(12)
     """α [rad], between yarn and circumference at the bobbin's mean radius. [P] 12°."""
     turns_per_cycle: float = 4.55
-    """Bobbin turns per guide cycle, forth and back; its fraction 0.55 is the [P] loop displacement of 198°, 4 is [A]."""
+    """Bobbin turns per guide cycle, forth and back; the fraction 0.55 is the [P] loop displacement, 198°; 4 is [A]."""
     reversal: float = 0.02
     """Share of a cycle that each reversal of the guide takes. [A]."""
     bobbin_radius: float = 0.03
@@ -102,7 +108,7 @@ class WindingScene:
     def __post_init__(self) -> None:
         for name in (
             "linear_density", "diameter", "axial_stiffness", "transverse_stiffness", "speed", "tension", "feed_length",
-            "guide_distance", "turns_per_cycle", "bobbin_radius", "duration", "element_length",
+            "guide_distance", "feed_memory", "turns_per_cycle", "bobbin_radius", "duration", "element_length",
         ):  # fmt: skip
             self._require(name, 0.0 < getattr(self, name) < math.inf, "must be greater than 0")
         for name in (
@@ -121,10 +127,8 @@ class WindingScene:
         self._require("prony_weights", all(g >= 0 for g in weights) and sum(weights) < 1, "must be ≥ 0 with a sum < 1")
         smallest = self.bobbin_radius - math.tan(abs(self.cone_angle)) * self.stroke / 2
         self._require("cone_angle", abs(self.cone_angle) < math.pi / 4 and smallest > 0, "must leave a radius above 0")
-        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, "must leave a speed above 0")
-        self._require(
-            "tension_slope", self.tension + self.tension_slope * self.duration > 0, "must leave a tension > 0"
-        )
+        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, "must leave it above 0")
+        self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, "must leave it above 0")
         self._require("element_length", self.element_length > self.diameter, f"must exceed d = {self.diameter:g} m")
         self._require("element_length", 4 * self.element_length <= self.guide_distance, "must be ≤ guide_distance / 4")
         if self.time_step is not None:
@@ -141,7 +145,7 @@ class WindingScene:
 
     @property
     def wave_speed(self) -> float:
-        """c = √(EA/ρ) [m/s] of longitudinal waves."""
+        """Speed of longitudinal waves, c = √(EA/ρ) [m/s]."""
         return math.sqrt(self.axial_stiffness / self.linear_density)
 
     @property
@@ -152,16 +156,13 @@ class WindingScene:
     @property
     def wound_length(self) -> float:
         """Length that the drive takes in over the duration [m], without slip and strain."""
-        rise = min(self.speed_rise, self.duration)
-        start = self.speed * (rise / 2 if rise < self.duration else self.speed_rise_distance(self.duration))
-        run = self.duration - rise
-        return start + self.speed * run + self.speed_slope * run * run / 2
+        return travel(self.duration, self.speed, self.speed_rise, self.speed_slope)[0]
 
-    def speed_rise_distance(self, time: float) -> float:
-        """∫ V dt / V over the start up to `time` ≤ `speed_rise` [s]."""
-        if self.speed_rise == 0:
-            return 0.0
-        return time / 2 - self.speed_rise / (2 * math.pi) * math.sin(math.pi * time / self.speed_rise)
+    @property
+    def cycles(self) -> float:
+        """Guide cycles over the duration."""
+        turn = 2 * math.pi * self.bobbin_radius / math.cos(self.winding_angle)
+        return self.wound_length / (turn * self.turns_per_cycle)
 
     @property
     def softness(self) -> float:
