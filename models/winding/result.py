@@ -1,6 +1,7 @@
 """What became of a winding run: outcome, tension of the span and of the layers, the package, the energy."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
@@ -12,6 +13,8 @@ from models.winding.scene import WindingScene
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Progress = Callable[[float], None]
+"""Called now and then with the share of the work that is done, 0 to 1."""
 
 
 class WindingOutcome(Enum):

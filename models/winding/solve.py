@@ -1,16 +1,14 @@
 """Wind: choose the mode, run it."""
 
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.winding.result import WindingResult
+from models.winding.fast import wind_fast
+from models.winding.result import Progress, WindingResult
 from models.winding.scene import WindingScene
 
-Progress = Callable[[float], None]
-"""Called now and then with the share of the work that is done, 0 to 1."""
 State = dict[str, NDArray[np.float64] | NDArray[np.int64]]
 """Everything that a reference run needs to go on, by name; as it comes from `numpy.load`."""
 
@@ -42,4 +40,6 @@ def wind(
     WindingResult
         Never raises for what the physics or the time step does: see its outcome.
     """
-    raise NotImplementedError  # the modes follow in the next commits
+    if scene.mode == "reference":
+        raise NotImplementedError  # follows in the next commits
+    return wind_fast(scene, "asked for", progress)
