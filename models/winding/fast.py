@@ -134,7 +134,7 @@ def find_crossings(z: Array, arc: Array, per_turn: float, cell: float) -> tuple[
             for dr in range(-1, 2):
                 if row + dr < 0 or row + dr >= rows:
                     continue
-                i = head[((column + dc) % columns) * rows + row + dr]
+                i = int(head[((column + dc) % columns) * rows + row + dr])
                 while i >= 0:
                     offset = arc[i] - arc[k]
                     offset -= per_turn * math.floor(offset / per_turn + 0.5)
@@ -148,7 +148,7 @@ def find_crossings(z: Array, arc: Array, per_turn: float, cell: float) -> tuple[
                             high.append(k)
                             low_at.append(s)
                             high_at.append(t)
-                    i = following[i]
+                    i = int(following[i])
         place = column * rows + row
         following[k] = head[place]
         head[place] = k

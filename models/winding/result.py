@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,20 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Progress = Callable[[float], None]
 """Called now and then with the share of the work that is done, 0 to 1."""
+Kept = dict[str, NDArray[Any]]
+"""Everything that a reference run needs to go on, by name; `numpy.savez` and `numpy.load` keep it exactly."""
+
+
+class Checkpoint(Protocol):
+    """Where a reference run keeps its state; models know no files, so the caller says how."""
+
+    def load(self) -> Kept | None:
+        """The state to go on from, or None to start anew."""
+        ...
+
+    def save(self, kept: Kept) -> None:
+        """Keep `kept`, replacing the one before."""
+        ...
 
 
 class WindingOutcome(Enum):

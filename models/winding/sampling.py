@@ -29,7 +29,8 @@ def window_means(time: Array, value: Array, ends: Array) -> Array:
     index = np.clip(np.searchsorted(time, grid, side="right") - 1, 0, len(time) - 2)
     part = grid - time[index]
     slope = (value[index + 1] - value[index]) / (time[index + 1] - time[index])
-    return np.diff(area[index] + part * (value[index] + slope * part / 2)) / np.diff(grid)
+    integral = area[index] + part * (value[index] + slope * part / 2)
+    return np.asarray(np.diff(integral) / np.diff(grid), dtype=np.float64)
 
 
 def layer_means(layer: Integers, relative_tension: Array, complete: int) -> Array:

@@ -1,28 +1,12 @@
 """Wind: choose the mode, run it."""
 
-from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
-
 from models.winding.fast import wind_fast
-from models.winding.result import Progress, WindingResult
+from models.winding.reference import wind_reference
+from models.winding.result import Checkpoint, Progress, WindingResult
 from models.winding.scene import WindingScene
 
-State = dict[str, NDArray[np.float64] | NDArray[np.int64]]
-"""Everything that a reference run needs to go on, by name; as it comes from `numpy.load`."""
-
-
-class Checkpoint(Protocol):
-    """Where a reference run keeps its state; models know no files, so the caller says how."""
-
-    def load(self) -> State | None:
-        """The state to go on from, or None to start anew."""
-        ...
-
-    def save(self, state: State) -> None:
-        """Keep `state`, replacing the one before."""
-        ...
+SOFT = 0.1
+"""Softness (`WindingScene.softness`) above which the layers lose tension by more than the fast mode gets right."""
 
 
 def wind(
@@ -40,6 +24,15 @@ def wind(
     WindingResult
         Never raises for what the physics or the time step does: see its outcome.
     """
+    if scene.mode == "fast":
+        return wind_fast(scene, "asked for", progress)
     if scene.mode == "reference":
-        raise NotImplementedError  # follows in the next commits
-    return wind_fast(scene, "asked for", progress)
+        return wind_reference(scene, "asked for", progress, checkpoint)
+    if scene.wanted == "span":
+        reason = "the tension of the span is wanted: its waves and the lay path give it"
+        return wind_fast(scene, reason, progress)
+    if scene.softness <= SOFT:
+        reason = f"layers on stiff yarn are wanted: EA/(R² K_t) = {scene.softness:.3g}, at most {SOFT}"
+        return wind_fast(scene, reason, progress)
+    reason = f"layers on soft yarn are wanted: EA/(R² K_t) = {scene.softness:.3g}, above {SOFT}"
+    return wind_reference(scene, reason, progress, checkpoint)
