@@ -178,12 +178,8 @@ def _crossing(p: Package, c: int, diameter: float) -> float:
 
 
 @inner
-def _move(p: Package, yarn: Yarn, k: int, laid: int, pull: float) -> float:
-    """One Newton step of node k towards radial equilibrium; the step taken [m].
-
-    pull > 0: the yarn is a string of that tension on a rigid bobbin (being laid), else elastic on a yielding one.
-    `laid` is the number of nodes present.
-    """
+def _move(p: Package, yarn: Yarn, k: int, laid: int, fresh: int, pull: float) -> float:
+    """One Newton step of node k towards radial equilibrium; the step taken [m]. See `settle`."""
     force, stiffness = 0.0, 0.0
     for e in range(k - 1, k + 1):
         if e < 0 or e + 1 >= laid:
@@ -191,17 +187,18 @@ def _move(p: Package, yarn: Yarn, k: int, laid: int, pull: float) -> float:
         length = _length(p, e)
         other = e if e < k else e + 1
         lean = _lean(p, k, other, length)
-        tension = pull if pull > 0 else yarn.axial * (length / p.natural[e] - 1 - p.relaxed[e])
+        tension = pull
+        if p.natural[e] > 0:
+            tension = yarn.axial * (length / p.natural[e] - 1 - p.relaxed[e])
+            stiffness += yarn.axial * lean * lean / p.natural[e]
         force -= tension * lean
         stiffness += abs(tension) * (1 - lean * lean) / length
-        if pull <= 0:
-            stiffness += yarn.axial * lean * lean / p.natural[e]
     size = (p.radius[k] * p.angle_step) ** 3
     if 2 <= k < laid - 2:
         h = p.height
         force -= yarn.bending / size * (h[k - 2] - 4 * h[k - 1] + 6 * h[k] - 4 * h[k + 1] + h[k + 2])
         stiffness += 6 * yarn.bending / size
-    if pull <= 0 and p.height[k] < 0:
+    if k < fresh and p.height[k] < 0:
         surface = yarn.surface * p.radius[k] * p.angle_step
         force -= surface * p.height[k]
         stiffness += surface
@@ -222,22 +219,9 @@ def _move(p: Package, yarn: Yarn, k: int, laid: int, pull: float) -> float:
                 force -= p.stiffness[c] * depth * share
                 stiffness += p.stiffness[c] * share * share
     old = p.height[k]
-    p.height[k] = max(old + force / stiffness, 0.0) if pull > 0 else old + force / stiffness
+    new = old + force / stiffness
+    p.height[k] = new if k < fresh else max(new, 0.0)
     return abs(p.height[k] - old)
-
-
-@compiled
-def lay(p: Package, yarn: Yarn, start: int, stop: int, ahead: int, pull: float, settled: float) -> None:
-    """Put nodes start … stop − 1 on the package as a string of tension `pull` [N]; `ahead` more are laid on trial."""
-    end = stop + ahead
-    for k in range(start, end):
-        p.height[k] = 0.0
-    for _ in range(2000):
-        moved = 0.0
-        for k in range(max(start, 1), end):
-            moved = max(moved, _move(p, yarn, k, end, pull))
-        if moved < settled:
-            break
 
 
 @compiled
@@ -250,8 +234,12 @@ def element_lengths(p: Package, start: int, stop: int) -> Array:
 
 
 @compiled
-def settle(p: Package, yarn: Yarn, start: int, laid: int, settled: float) -> int:
-    """Bring nodes start … laid − 1, and whatever they move, to rest; the number of node updates."""
+def settle(p: Package, yarn: Yarn, start: int, laid: int, fresh: int, pull: float, settled: float) -> int:
+    """Bring nodes start … laid − 1, and whatever they move, to rest; the number of node updates.
+
+    Nodes from `fresh` on are being laid: they rest on a rigid bobbin, and elements without a natural length are a
+    string of tension `pull` [N].
+    """
     queue = np.empty(laid + 1, np.int64)
     waiting = np.zeros(laid, np.bool_)
     head, count, updates = 0, 0, 0
@@ -266,7 +254,7 @@ def settle(p: Package, yarn: Yarn, start: int, laid: int, settled: float) -> int
         count -= 1
         waiting[k] = False
         updates += 1
-        if _move(p, yarn, k, laid, 0.0) <= settled:
+        if _move(p, yarn, k, laid, fresh, pull) <= settled:
             continue
         # Neighbours along the yarn, and the nodes of the elements that cross the two elements at k.
         for other in range(max(k - 2, 1), min(k + 3, laid)):
@@ -429,7 +417,8 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     for start in range(0, total, BATCH):
         stop = min(start + BATCH, total)
         first = max(start - 1, 0)
-        lay(package, yarn, start, stop, AHEAD, tension[first], SETTLED)
+        package.height[start : stop + AHEAD] = 0.0
+        updates += settle(package, yarn, start, stop + AHEAD, start, tension[first], SETTLED)
         lengths = element_lengths(package, first, stop - 1)
         for k, length in enumerate(lengths, first):
             taken = length + free[k + 1] - free[k]
@@ -439,12 +428,12 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
         if phase[stop - 1] >= cycle:
             strain = element_lengths(package, 0, stop - 1) / package.natural[: stop - 1] - 1
             relaxation.advance(package, strain, time[stop - 1])
-            updates += settle(package, yarn, 0, stop, SETTLED)
+            updates += settle(package, yarn, 0, stop, stop, 0.0, SETTLED)
             if cycle in shown:
                 snapshots.append(_snapshot(scene, package, phase, stop, float(time[stop - 1])))
             cycle += 1
         else:
-            updates += settle(package, yarn, max(start - 2, 0), stop, SETTLED)
+            updates += settle(package, yarn, max(start - 2, 0), stop, stop, 0.0, SETTLED)
         if progress is not None:
             progress(stop / total)
     snapshots.append(_snapshot(scene, package, phase, total, float(time[total - 1])))

@@ -18,7 +18,8 @@ SHOWN_LAYERS = (1, 3, 5, 7, 9)
 
 def sample_times(scene: WindingScene) -> Array:
     """Ends of the sample windows [s], shape (m,)."""
-    return SAMPLE_INTERVAL * np.arange(1, math.floor(scene.duration / SAMPLE_INTERVAL + 1e-9) + 1)
+    count = math.floor(scene.duration / SAMPLE_INTERVAL + 1e-9)
+    return SAMPLE_INTERVAL * np.arange(1, count + 1, dtype=np.float64)
 
 
 def window_means(time: Array, value: Array, ends: Array) -> Array:
