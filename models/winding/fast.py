@@ -401,7 +401,8 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     package, eye, phase = _pack(scene)
     yarn = Yarn(scene.axial_stiffness, scene.bending_stiffness, scene.diameter, scene.transverse_stiffness)
     total = len(phase) - AHEAD
-    table = np.linspace(0, scene.duration, TABLE)
+    # A little beyond the end, because the last node is the first that is laid after it.
+    table = np.linspace(0, scene.duration + scene.speed_rise + 2 * scene.element_length / scene.speed, TABLE)
     travelled = np.array([travel(t, scene.speed, scene.speed_rise, scene.speed_slope)[0] for t in table])
     time = np.interp(phase * (scene.wound_length / scene.cycles), travelled, table)
     free = np.hypot(scene.guide_distance, eye - package.z)
@@ -436,7 +437,7 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
             updates += settle(package, yarn, max(start - 2, 0), stop, stop, 0.0, SETTLED)
         if progress is not None:
             progress(stop / total)
-    snapshots.append(_snapshot(scene, package, phase, total, float(time[total - 1])))
+    snapshots.append(_snapshot(scene, package, phase, total, scene.duration))
     ends = sample_times(scene)
     guide_phase = np.interp(ends, time[:total], phase[:total])
     end = snapshots[-1]
@@ -451,7 +452,7 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
         span_tension=window_means(time[:total], tension, ends),
         guide_phase=guide_phase,
         guide_position=np.array([scene.stroke * traverse(p, scene.reversal)[0] for p in guide_phase]),
-        layers_T_over_T0=layer_means(end.layer, end.tension / pull, math.floor(phase[total - 1])),
+        layers_T_over_T0=layer_means(end.layer, end.tension / pull, math.floor(scene.cycles)),
         snapshots=tuple(snapshots),
         penetration_max=_approach(package, yarn, total),
         element_steps=updates,

@@ -133,3 +133,14 @@ def test_auto_says_what_it_chose_and_why(full: WindingResult):
     soft = wind(winding_scene(duration=0.005, wanted="layers", transverse_stiffness=SOFT))
     assert soft.mode == "reference"
     assert "soft" in soft.mode_reason
+
+
+def test_a_run_shorter_than_its_start_lays_what_it_can():
+    result = wind(winding_scene(duration=0.005))
+    assert result.outcome is WindingOutcome.COMPLETED
+    assert np.all(np.isfinite(result.span_tension))
+    assert result.span_tension[-1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_the_last_sample_is_no_worse_than_the_others(full: WindingResult):
+    assert full.span_tension[-20:].std() < 0.1
