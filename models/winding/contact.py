@@ -17,8 +17,8 @@ from models.winding.rod import Rod
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-BLEND = 0.1
-"""Share of an element, each side of a node, over which a crossing passes from one element to the next."""
+HARDENED = 0.5
+"""Approach of two yarns over their diameter above which the contact hardens no further."""
 PARALLEL = 0.01
 """sin² of the angle below which two elements count as side by side."""
 NEIGHBOURS = 8
@@ -72,8 +72,6 @@ class Pairs(NamedTuple):
 
     first: Integers
     second: Integers
-    side: Array
-    """Sign of the normal t₁ × t₂ that points from the second to the first yarn."""
     slides: Array
     """1 while sliding."""
     ux: Array
@@ -89,7 +87,7 @@ def new_grip(room: int) -> Grip:
 
 def new_pairs(room: int) -> Pairs:
     """Room for pairs."""
-    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(5)))
+    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(4)))
 
 
 @inner
@@ -197,34 +195,56 @@ def eye_contact(
 
 
 @inner
-def _ramp(s: float) -> float:
-    """How much of a crossing at place s belongs to this element; with its neighbours' the shares sum to 1."""
-    return min(max((s + BLEND) / (2 * BLEND), 0.0), 1.0) * min(max((1 + BLEND - s) / (2 * BLEND), 0.0), 1.0)
+def hardening(x: float) -> tuple[float, float]:
+    """Force of one yarn on another over k d, and its energy over k d², at the approach x d; k is the initial stiffness.
+
+    x/(1 − x), because a yarn that is flattened has less left to flatten; straight on from `HARDENED`, with the slope
+    1/(1 − HARDENED)² there, so that the time step stays bounded.
+    """
+    y = min(x, HARDENED)
+    beyond = x - y
+    force, slope = y / (1 - y), 1 / (1 - HARDENED) ** 2
+    return force + slope * beyond, -y - math.log(1 - y) + force * beyond + slope / 2 * beyond * beyond
+
+
+@inner
+def _part(rod: Rod, i: int, place: float, dx: float, dy: float, dz: float) -> float:
+    """Share of element i in a contact at `place` on it: 1 inside; at a node ½ if the node is nearest, else 0.
+
+    (dx, dy, dz) points to the other yarn. The element beyond the node finds the same point there and has the other
+    half, so that a contact passes from one element to the next without a jump.
+    """
+    if 0.0 < place < rod.length[i] or (i == 0 and place == 0.0):
+        return 1.0
+    k = i + 1 if place > 0.0 else i - 1
+    along = dx * rod.tx[k] + dy * rod.ty[k] + dz * rod.tz[k]
+    if place > 0.0:
+        along = -along
+    return 0.5 if along >= 0.0 else 0.0
 
 
 @inner
 def _approach(rod: Rod, i: int, j: int) -> tuple[float, float, float, float, float, float, float, float]:
-    """Nearest points of elements i and j: places s, t; share; sine of their angle; distance along the unit normal n.
+    """Nearest points of elements i and j: places s, t in shares of the elements; share of the contact that is theirs;
+    sine of their angle; distance, and unit vector from j to i. Side by side it is measured at the middle of i.
 
-    n = tᵢ × tⱼ / sine with a signed distance; side by side, n from j to i at the middle of element i.
+    The nearest points of two segments are found as in Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
     dx, dy, dz = rod.x[i] - rod.x[j], rod.y[i] - rod.y[j], rod.z[i] - rod.z[j]
     ix, iy, iz, jx, jy, jz = rod.tx[i], rod.ty[i], rod.tz[i], rod.tx[j], rod.ty[j], rod.tz[j]
     along_i, along_j = dx * ix + dy * iy + dz * iz, dx * jx + dy * jy + dz * jz
     cosine = ix * jx + iy * jy + iz * jz
     square = 1.0 - cosine * cosine
+    s, sine = rod.length[i] / 2, 0.0
     if square > PARALLEL:
-        s = (cosine * along_j - along_i) / square
-        t = (along_j - cosine * along_i) / square
-        sine = math.sqrt(square)
-        nx, ny, nz = (iy * jz - iz * jy) / sine, (iz * jx - ix * jz) / sine, (ix * jy - iy * jx) / sine
-        share = _ramp(s / rod.length[i]) * _ramp(t / rod.length[j])
-        return s / rod.length[i], t / rod.length[j], share, sine, dx * nx + dy * ny + dz * nz, nx, ny, nz
-    s = rod.length[i] / 2
-    t = along_j + s * cosine
-    gx, gy, gz = dx + s * ix - t * jx, dy + s * iy - t * jy, dz + s * iz - t * jz
-    gap = math.sqrt(gx * gx + gy * gy + gz * gz)
-    return 0.5, t / rod.length[j], _ramp(t / rod.length[j]), 0.0, gap, gx / gap, gy / gap, gz / gap
+        s, sine = min(max((cosine * along_j - along_i) / square, 0.0), rod.length[i]), math.sqrt(square)
+    t = min(max(along_j + s * cosine, 0.0), rod.length[j])
+    if square > PARALLEL:
+        s = min(max(t * cosine - along_i, 0.0), rod.length[i])
+    dx, dy, dz = dx + s * ix - t * jx, dy + s * iy - t * jy, dz + s * iz - t * jz
+    gap = math.sqrt(dx * dx + dy * dy + dz * dz)
+    share = _part(rod, i, s, -dx, -dy, -dz) * _part(rod, j, t, dx, dy, dz)
+    return s / rod.length[i], t / rod.length[j], share, sine, gap, dx / gap, dy / gap, dz / gap
 
 
 @inner
@@ -240,12 +260,7 @@ def find_pairs(
     for q in range(count):
         for a, b in ((pairs.ux, spare.ux), (pairs.uy, spare.uy), (pairs.uz, spare.uz)):
             b[q] = a[q]
-        spare.first[q], spare.second[q], spare.side[q], spare.slides[q] = (
-            pairs.first[q],
-            pairs.second[q],
-            pairs.side[q],
-            pairs.slides[q],
-        )
+        spare.second[q], spare.slides[q] = pairs.second[q], pairs.slides[q]
         if pairs.first[q] < n:
             first_old[pairs.first[q] + 1] += 1
     for i in range(n):
@@ -277,20 +292,15 @@ def find_pairs(
                         mz - (rod.z[j] + rod.z[j + 1]) / 2,
                     )
                     if i - j >= NEIGHBOURS and ox * ox + oy * oy + oz * oz < near:
-                        s, t, _, sine, gap, _, _, _ = _approach(rod, i, j)
-                        wide = 2 * BLEND + margin / rod.length[i]
-                        close = -wide < t < 1 + wide and -wide < s < 1 + wide
-                        if close and abs(gap) < diameter + margin:
+                        _, _, _, _, gap, _, _, _ = _approach(rod, i, j)
+                        if gap < diameter + margin:
                             if found >= pairs.first.shape[0]:
                                 return -1
                             pairs.first[found], pairs.second[found] = i, j
-                            pairs.side[found] = -1.0 if gap < 0 else 1.0
                             pairs.slides[found] = 0.0
                             pairs.ux[found], pairs.uy[found], pairs.uz[found] = 0.0, 0.0, 0.0
                             for q in range(first_old[i], first_old[i + 1]):
                                 if spare.second[q] == j:
-                                    if sine > 0.0:
-                                        pairs.side[found] = spare.side[q]
                                     pairs.slides[found] = spare.slides[q]
                                     pairs.ux[found], pairs.uy[found], pairs.uz[found] = (
                                         spare.ux[q],
@@ -313,8 +323,6 @@ def pair_contact(
     for q in range(count):
         i, j = int(pairs.first[q]), int(pairs.second[q])
         s, t, share, angle, gap, nx, ny, nz = _approach(rod, i, j)
-        if angle > 0.0 and pairs.side[q] < 0:
-            gap, nx, ny, nz = -gap, -nx, -ny, -nz
         depth = c.diameter - gap
         if depth <= 0.0 or share <= 0.0:
             pairs.ux[q], pairs.uy[q], pairs.uz[q] = 0.0, 0.0, 0.0
@@ -324,13 +332,15 @@ def pair_contact(
         if angle * c.element > c.diameter:
             contact = c.diameter / angle
         stiffness = share * c.surface / 2 * contact
+        force, energy = hardening(depth / c.diameter)
         i0, i1, j0, j1 = 1 - s, s, 1 - t, t
         wx = i0 * rod.vx[i] + i1 * rod.vx[i + 1] - j0 * rod.vx[j] - j1 * rod.vx[j + 1] - spin * gap * ny
         wy = i0 * rod.vy[i] + i1 * rod.vy[i + 1] - j0 * rod.vy[j] - j1 * rod.vy[j + 1] + spin * gap * nx
         wz = i0 * rod.vz[i] + i1 * rod.vz[i + 1] - j0 * rod.vz[j] - j1 * rod.vz[j + 1]
         out = wx * nx + wy * ny + wz * nz
         wx, wy, wz = wx - out * nx, wy - out * ny, wz - out * nz
-        push = max(stiffness * depth - 2 * c.damping * math.sqrt(stiffness * c.mass) * out, 0.0)
+        spring = stiffness * c.diameter * force
+        push = max(spring - 2 * c.damping * math.sqrt(stiffness * c.mass) * out, 0.0)
         ux = cosine * pairs.ux[q] + sine * pairs.uy[q] + dt * wx
         uy = cosine * pairs.uy[q] - sine * pairs.ux[q] + dt * wy
         uz = pairs.uz[q] + dt * wz
@@ -350,7 +360,7 @@ def pair_contact(
             rod.fx[node] += part * fx
             rod.fy[node] += part * fy
             rod.fz[node] += part * fz
-        damped -= (push - stiffness * depth) * out
-        stored += stiffness / 2 * (depth * depth + size * size)
+        damped -= (push - spring) * out
+        stored += stiffness * (c.diameter * c.diameter * energy + size * size / 2)
         deepest = max(deepest, depth)
     return damped, rubbed, stored, deepest

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, inner
+from models.winding.contact import HARDENED, hardening
 from models.winding.drive import travel, traverse
 from models.winding.result import Progress, Snapshot, WindingOutcome, WindingResult
 from models.winding.sampling import SHOWN_LAYERS, layer_means, sample_times, window_means
@@ -178,6 +179,13 @@ def _crossing(p: Package, c: int, diameter: float) -> float:
 
 
 @inner
+def _press(x: float) -> tuple[float, float]:
+    """Force of one yarn on another over k d, and its slope, at the approach x d; see `contact.hardening`."""
+    y = min(x, HARDENED)
+    return hardening(x)[0], 1 / (1 - y) ** 2
+
+
+@inner
 def _move(p: Package, yarn: Yarn, k: int, laid: int, fresh: int, pull: float) -> float:
     """One Newton step of node k towards radial equilibrium; the step taken [m]. See `settle`."""
     force, stiffness = 0.0, 0.0
@@ -207,8 +215,9 @@ def _move(p: Package, yarn: Yarn, k: int, laid: int, fresh: int, pull: float) ->
             depth = _crossing(p, c, yarn.diameter)
             if depth > 0:
                 share = p.above_at[c] if e < k else 1 - p.above_at[c]
-                force += p.stiffness[c] * depth * share
-                stiffness += p.stiffness[c] * share * share
+                press, slope = _press(depth / yarn.diameter)
+                force += p.stiffness[c] * yarn.diameter * press * share
+                stiffness += p.stiffness[c] * slope * share * share
         for q in range(p.first_below[e], p.first_below[e + 1]):
             c = p.order_below[q]
             if p.above[c] + 1 >= laid:
@@ -216,8 +225,9 @@ def _move(p: Package, yarn: Yarn, k: int, laid: int, fresh: int, pull: float) ->
             depth = _crossing(p, c, yarn.diameter)
             if depth > 0:
                 share = p.below_at[c] if e < k else 1 - p.below_at[c]
-                force -= p.stiffness[c] * depth * share
-                stiffness += p.stiffness[c] * share * share
+                press, slope = _press(depth / yarn.diameter)
+                force -= p.stiffness[c] * yarn.diameter * press * share
+                stiffness += p.stiffness[c] * slope * share * share
     old = p.height[k]
     new = old + force / stiffness
     p.height[k] = new if k < fresh else max(new, 0.0)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from models.compiled import compiled, inner
 from models.winding.contact import (
+    HARDENED,
     Bobbin,
     Crossing,
     Grip,
@@ -322,7 +323,8 @@ def time_step_limit(scene: WindingScene) -> float:
     """
     length, mass = scene.element_length, scene.linear_density * scene.element_length
     unit = scene.axial_stiffness / length
-    contact = 2 * scene.transverse_stiffness * length
+    # The bobbin, and yarn on both sides that is as hard as it gets; each yarn's half of K_t times its slope.
+    contact = (1 + 1 / (1 - HARDENED) ** 2) * scene.transverse_stiffness * length
     damping = scene.contact_damping
     axial = (4 + GRIP) * unit
     axial_damping = 4 * BULK_VISCOSITY * scene.impedance + 2 * damping * math.sqrt(GRIP * unit * mass)
