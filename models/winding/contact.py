@@ -74,6 +74,8 @@ class Pairs(NamedTuple):
     second: Integers
     slides: Array
     """1 while sliding."""
+    stiffness: Array
+    """In the last step [N/m]; 0 where another pair has the contact."""
     ux: Array
     """Stretch of the friction spring, bobbin's frame [m]."""
     uy: Array
@@ -87,7 +89,7 @@ def new_grip(room: int) -> Grip:
 
 def new_pairs(room: int) -> Pairs:
     """Room for pairs."""
-    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(4)))
+    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(5)))
 
 
 @inner
@@ -260,7 +262,7 @@ def find_pairs(
     for q in range(count):
         for a, b in ((pairs.ux, spare.ux), (pairs.uy, spare.uy), (pairs.uz, spare.uz)):
             b[q] = a[q]
-        spare.second[q], spare.slides[q] = pairs.second[q], pairs.slides[q]
+        spare.second[q], spare.slides[q], spare.stiffness[q] = pairs.second[q], pairs.slides[q], pairs.stiffness[q]
         if pairs.first[q] < n:
             first_old[pairs.first[q] + 1] += 1
     for i in range(n):
@@ -297,11 +299,11 @@ def find_pairs(
                             if found >= pairs.first.shape[0]:
                                 return -1
                             pairs.first[found], pairs.second[found] = i, j
-                            pairs.slides[found] = 0.0
+                            pairs.slides[found], pairs.stiffness[found] = 0.0, 0.0
                             pairs.ux[found], pairs.uy[found], pairs.uz[found] = 0.0, 0.0, 0.0
                             for q in range(first_old[i], first_old[i + 1]):
                                 if spare.second[q] == j:
-                                    pairs.slides[found] = spare.slides[q]
+                                    pairs.slides[found], pairs.stiffness[found] = spare.slides[q], spare.stiffness[q]
                                     pairs.ux[found], pairs.uy[found], pairs.uz[found] = (
                                         spare.ux[q],
                                         spare.uy[q],
@@ -317,14 +319,25 @@ def find_pairs(
 @inner
 def pair_contact(
     rod: Rod, pairs: Pairs, count: int, c: Crossing, cosine: float, sine: float, spin: float, dt: float
-) -> tuple[float, float, float, float]:
-    """Add the forces of yarn on yarn; power lost in dashpots [W], energy rubbed away [J], stored [J], deepest [m]."""
-    damped, rubbed, stored, deepest = 0.0, 0.0, 0.0, 0.0
+) -> tuple[float, float, float, float, float]:
+    """Add the forces of yarn on yarn.
+
+    Returns
+    -------
+    Power lost in dashpots [W], energy rubbed away [J], energy handed on [J], energy stored [J], deepest approach [m].
+    Handed on is what the springs of contacts that pass between elements, or change their angle, lose at once.
+    """
+    damped, rubbed, handed, stored, deepest = 0.0, 0.0, 0.0, 0.0, 0.0
     for q in range(count):
         i, j = int(pairs.first[q]), int(pairs.second[q])
         s, t, share, angle, gap, nx, ny, nz = _approach(rod, i, j)
         depth = c.diameter - gap
+        force, energy = hardening(max(depth, 0.0) / c.diameter)
+        strained = pairs.ux[q] ** 2 + pairs.uy[q] ** 2 + pairs.uz[q] ** 2
+        strained = c.diameter * c.diameter * energy + strained / 2
         if depth <= 0.0 or share <= 0.0:
+            handed += pairs.stiffness[q] * strained
+            pairs.stiffness[q] = 0.0
             pairs.ux[q], pairs.uy[q], pairs.uz[q] = 0.0, 0.0, 0.0
             pairs.slides[q] = 0.0
             continue
@@ -332,7 +345,8 @@ def pair_contact(
         if angle * c.element > c.diameter:
             contact = c.diameter / angle
         stiffness = share * c.surface / 2 * contact
-        force, energy = hardening(depth / c.diameter)
+        handed += (pairs.stiffness[q] - stiffness) * strained
+        pairs.stiffness[q] = stiffness
         i0, i1, j0, j1 = 1 - s, s, 1 - t, t
         wx = i0 * rod.vx[i] + i1 * rod.vx[i + 1] - j0 * rod.vx[j] - j1 * rod.vx[j + 1] - spin * gap * ny
         wy = i0 * rod.vy[i] + i1 * rod.vy[i + 1] - j0 * rod.vy[j] - j1 * rod.vy[j + 1] + spin * gap * nx
@@ -363,4 +377,4 @@ def pair_contact(
         damped -= (push - spring) * out
         stored += stiffness * (c.diameter * c.diameter * energy + size * size / 2)
         deepest = max(deepest, depth)
-    return damped, rubbed, stored, deepest
+    return damped, rubbed, handed, stored, deepest

@@ -107,7 +107,7 @@ class Machine(NamedTuple):
 NODES, STEP, AT_GUIDE, AT_EYELET, LAID, PAIRS, WORK = range(7)
 """Places in `State.counts`: nodes, steps done, elements in the two eyes, first node not yet laid, pairs, and element
 steps."""
-(BOBBIN_WORK, GUIDE_WORK, FEED_WORK, VISCOUS, DAMPED, RUBBED, DRIFT, SPAN, DEEPEST) = range(9)
+(BOBBIN_WORK, GUIDE_WORK, FEED_WORK, VISCOUS, DAMPED, RUBBED, HANDED, DRIFT, SPAN, DEEPEST) = range(10)
 """Places in `State.sums`: energies [J], running mean of u − V [m/s], mean tension of the span over the last call [N],
 deepest approach of yarns in the last step [m]."""
 KINETIC, STRAIN, BENDING, CONTACT = range(4)
@@ -195,9 +195,12 @@ def _contacts(s: State, c: Setup, angle: float, spin: float, place: float, speed
     if m.active:
         _, _, stored = eye_contact(rod, s.counts[AT_EYELET], m.eyelet, m.top, 0.0, 0.0, 0.0, stiffness, 0.0, creep)
         total += stored
-    damped, rubbed, stored, deepest = pair_contact(rod, s.pairs, s.counts[PAIRS], c.crossing, cosine, sine, spin, dt)
+    damped, rubbed, handed, stored, deepest = pair_contact(
+        rod, s.pairs, s.counts[PAIRS], c.crossing, cosine, sine, spin, dt
+    )
     sums[DAMPED] += damped * dt
     sums[RUBBED] += rubbed
+    sums[HANDED] += handed
     sums[DEEPEST] = deepest
     total += stored
     power, damped, released, stored = bobbin_contact(rod, s.grip, c.bobbin, s.counts[AT_GUIDE], cosine, sine, spin)
@@ -413,10 +416,10 @@ class Run:
         counts[[NODES, AT_GUIDE, AT_EYELET, LAID]] = nodes, 1, 1, 1
         pairs = 4 * room + 1000
         self.state = State(
-            rod, grip, new_pairs(pairs), new_pairs(pairs), np.zeros(room), counts, np.zeros(9), np.zeros(4)
+            rod, grip, new_pairs(pairs), new_pairs(pairs), np.zeros(room), counts, np.zeros(10), np.zeros(4)
         )
         self.span: list[float] = []
-        self.ledger = [np.concatenate([[0.0], self._start_energies(nodes), np.zeros(6)])]
+        self.ledger = [np.concatenate([[0.0], self._start_energies(nodes), np.zeros(7)])]
         self.snapshots: list[Snapshot] = []
 
     def _start_energies(self, nodes: int) -> Array:

@@ -83,6 +83,9 @@ class EnergyLedger:
     """Dissipated by the dashpots of the contacts and by grips let go."""
     friction: Array
     """Dissipated by friction: yarn on yarn and on the guide."""
+    handed_on: Array
+    """Lost, or gained where negative, by springs between yarns that pass from one element to the next: an error of the
+    mesh, none of the physics."""
 
     @property
     def throughput(self) -> Array:
@@ -93,7 +96,7 @@ class EnergyLedger:
     def residual(self) -> float:
         """Largest imbalance over the largest throughput."""
         stored = self.kinetic + self.strain + self.bending + self.contact
-        lost = self.viscous + self.contact_damping + self.friction
+        lost = self.viscous + self.contact_damping + self.friction + self.handed_on
         work = self.bobbin_work + self.guide_work + self.feed_work
         imbalance = stored - stored[0] + lost - work
         return float(np.max(np.abs(imbalance)) / np.max(self.throughput))
