@@ -319,15 +319,18 @@ def find_pairs(
 @inner
 def pair_contact(
     rod: Rod, pairs: Pairs, count: int, c: Crossing, cosine: float, sine: float, spin: float, dt: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """Add the forces of yarn on yarn.
 
     Returns
     -------
-    Power lost in dashpots [W], energy rubbed away [J], energy handed on [J], energy stored [J], deepest approach [m].
-    Handed on is what the springs of contacts that pass between elements, or change their angle, lose at once.
+    Power of the bobbin's frame on the yarn [W], power lost in dashpots [W], energy rubbed away [J], energy handed on
+    [J], energy stored [J], deepest approach [m].
+    Friction acts at the surfaces, a diameter apart on the two centre lines: its couple, which these cannot bear, is
+    borne by the frame that turns with the bobbin. Handed on is what the springs of contacts that pass between elements,
+    or change their angle, lose at once.
     """
-    damped, rubbed, handed, stored, deepest = 0.0, 0.0, 0.0, 0.0, 0.0
+    power, damped, rubbed, handed, stored, deepest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for q in range(count):
         i, j = int(pairs.first[q]), int(pairs.second[q])
         s, t, share, angle, gap, nx, ny, nz = _approach(rod, i, j)
@@ -374,7 +377,8 @@ def pair_contact(
             rod.fx[node] += part * fx
             rod.fy[node] += part * fy
             rod.fz[node] += part * fz
+        power += spin * gap * (fx * ny - fy * nx)
         damped -= (push - spring) * out
         stored += stiffness * (c.diameter * c.diameter * energy + size * size / 2)
         deepest = max(deepest, depth)
-    return damped, rubbed, handed, stored, deepest
+    return power, damped, rubbed, handed, stored, deepest

@@ -195,9 +195,10 @@ def _contacts(s: State, c: Setup, angle: float, spin: float, place: float, speed
     if m.active:
         _, _, stored = eye_contact(rod, s.counts[AT_EYELET], m.eyelet, m.top, 0.0, 0.0, 0.0, stiffness, 0.0, creep)
         total += stored
-    damped, rubbed, handed, stored, deepest = pair_contact(
+    power, damped, rubbed, handed, stored, deepest = pair_contact(
         rod, s.pairs, s.counts[PAIRS], c.crossing, cosine, sine, spin, dt
     )
+    sums[BOBBIN_WORK] += power * dt
     sums[DAMPED] += damped * dt
     sums[RUBBED] += rubbed
     sums[HANDED] += handed
