@@ -37,8 +37,8 @@ BATCH = 24
 """Nodes laid before the package is relaxed: about a quarter turn."""
 AHEAD = 8
 """Nodes beyond a batch that are laid on trial: yarn ahead lifts what lies up to √(2 R d) before it."""
-SETTLED = 1e-9
-"""Radial step [m] below which a node rests; 1e-9 m changes the tension of a loop by about 1e-5 N."""
+SETTLED = 1e-8
+"""Radial step [m] below which a node rests; 1e-9 m changes the layers of 9 m of yarn by 0.0002 T₀."""
 SUNK = 0.75
 """Share of the sinking into the bobbin that happens before the yarn is held: while it lands, the span still draws slack
 out of it. From the reference mode (2 mm): a soft loop that would keep 0.53 of its tension if held at first touch
