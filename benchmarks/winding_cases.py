@@ -1,0 +1,276 @@
+"""What do the winding modes say, at what cost? The paper's nine cases, refinement, and cost against length.
+
+    python benchmarks/winding_cases.py STUDY [FOLDER]      (default FOLDER: reports/winding)
+
+STUDY is one of
+    fast        nine cases, fast mode
+    reference   nine cases, reference mode, one process per core, niced; minutes to an hour
+    refine      a short package of ten layers in both modes at 4, 2 and 1 mm, stiff and soft
+    cost        fast mode from 1 to 90 m, reference mode from 1 to 3 m
+    figures     tables and figures of all runs that are there
+
+A run is kept as FOLDER/runs/NAME.npz and not repeated; a reference run that was stopped goes on from its checkpoint.
+Inputs are those of `WindingScene`, most of them assumptions; nothing here is a measurement.
+"""
+
+import csv
+import math
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from models.winding.result import Kept
+from models.winding.scene import WindingScene
+from models.winding.solve import wind
+
+SPEEDS = {500: 3.0, 800: 4.8, 1000: 6.0}
+"""r/min of the groove drum: m/s."""
+MODULUS = {32.8: 3.0, 65.6: 2.7, 131.2: 2.4}
+"""tex: N/tex."""
+TENSION = {32.8: 0.30, 65.6: 0.50, 131.2: 0.50}
+"""tex: N."""
+START = 0.1
+"""Left out of means [s]."""
+STIFF, SOFT = 2.4e7, 3.9e5
+"""K_t [N/m²]."""
+COLUMNS = (
+    "run", "T0_cN", "span_mean_cN", "span_sd_cN", "span_min_cN", "span_max_cN", "cpu_s", "element_steps",
+    "energy_residual", "penetration_over_d", "phase_correlation_with_fast",
+)  # fmt: skip
+
+
+def case(tex: float, rpm: int) -> WindingScene:
+    """One of the paper's nine cases."""
+    diameter, axial = 0.037e-3 * math.sqrt(tex), MODULUS[tex] * tex
+    return WindingScene(
+        linear_density=tex * 1e-6,
+        diameter=diameter,
+        axial_stiffness=axial,
+        bending_stiffness=axial * diameter**2 / 16,
+        speed=SPEEDS[rpm],
+        tension=TENSION[tex],
+    )
+
+
+def nine(mode: str) -> dict[str, WindingScene]:
+    """The nine cases by name; the costliest first, so that two processes end together."""
+    cases = {f"{mode}-{tex:g}tex-{rpm}rpm": case(tex, rpm) for rpm in (1000, 800, 500) for tex in (131.2, 65.6, 32.8)}
+    scenes = {name: replace(scene, mode=mode) for name, scene in cases.items()}
+    if mode == "fast":
+        return scenes
+    soft = replace(scenes["reference-131.2tex-1000rpm"], transverse_stiffness=SOFT)
+    return {"reference-131.2tex-1000rpm-soft": soft, **scenes}
+
+
+def refine() -> dict[str, WindingScene]:
+    """Ten layers of a third of the stroke: the same crossings per length in a third of the time."""
+    short = replace(case(131.2, 1000), turns_per_cycle=1.55, duration=0.56)
+    scenes = {}
+    for length in (4, 2, 1):
+        for name, stiffness in (("stiff", STIFF), ("soft", SOFT)):
+            for mode in ("fast", "reference"):
+                scenes[f"refine-{name}-{length}mm-{mode}"] = replace(
+                    short, element_length=length * 1e-3, transverse_stiffness=stiffness, mode=mode
+                )
+    return scenes
+
+
+def cost() -> dict[str, WindingScene]:
+    """131.2 tex at 1000 r/min by length."""
+    scenes = {}
+    for metres in (1, 3, 9, 30, 90):
+        scene = replace(case(131.2, 1000), duration=0.025 + metres / 6.0)
+        scenes[f"cost-fast-{metres}m"] = replace(scene, mode="fast")
+        if metres <= 3:
+            scenes[f"cost-reference-{metres}m"] = replace(scene, mode="reference")
+    return scenes
+
+
+STUDIES = {"fast": lambda: nine("fast"), "reference": lambda: nine("reference"), "refine": refine, "cost": cost}
+
+
+class Checkpoint:
+    """State of a run in a file, replaced as a whole."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load(self) -> Kept | None:
+        """The state kept last."""
+        if not self.path.exists():
+            return None
+        with np.load(self.path) as file:
+            return dict(file)
+
+    def save(self, kept: Kept) -> None:
+        """Keep `kept`."""
+        fresh = self.path.with_suffix(".new.npz")
+        np.savez(fresh, **kept)  # pyright: ignore[reportArgumentType]
+        fresh.replace(self.path)
+
+
+def run(name: str, scene: WindingScene, folder: Path) -> str:
+    """Run one scene if it has not been run; a line about it."""
+    path = folder / "runs" / f"{name}.npz"
+    if not path.exists():
+        checkpoint = Checkpoint(folder / "runs" / f"{name}.checkpoint.npz")
+        wind(replace(scene, duration=0.005))  # compiles, so that the times below are those of the run
+        begin = process_time()
+        result = wind(scene, checkpoint=checkpoint)
+        seconds = process_time() - begin
+        if not result.outcome.ok:
+            return f"{name}: {result.outcome.name}: {result.message}"
+        last = result.snapshots[-1]
+        np.savez(
+            path,
+            time=result.time,
+            phase=result.guide_phase,
+            span=result.span_tension,
+            layers=result.layers_T_over_T0,
+            position=last.position,
+            tension=last.tension,
+            layer=last.layer,
+            numbers=[
+                scene.tension,
+                seconds,
+                result.element_steps,
+                math.nan if result.energy is None else result.energy.residual,
+                result.penetration_max / scene.diameter,
+            ],
+        )
+        checkpoint.path.unlink(missing_ok=True)
+    return f"{name}: done"
+
+
+def _niced(name: str, scene: WindingScene, folder: Path) -> str:
+    if os.nice(0) < 10:
+        os.nice(10 - os.nice(0))
+    return run(name, scene, folder)
+
+
+def read(folder: Path) -> dict[str, dict[str, np.ndarray]]:
+    """All runs that are there."""
+    runs = {}
+    for path in sorted((folder / "runs").glob("*.npz")):
+        if "checkpoint" not in path.name:
+            with np.load(path) as file:
+                runs[path.stem] = dict(file)
+    return runs
+
+
+def tables(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
+    """winding.csv, one row per run, and winding_layers.csv."""
+    with (folder / "winding.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        for name, r in runs.items():
+            pull, seconds, steps, residual, depth = r["numbers"]
+            span = 100 * r["span"][r["time"] > START]
+            other = runs.get(name.replace("reference", "fast").removesuffix("-soft"))
+            match = math.nan
+            if "reference" in name and other is not None and not name.startswith("cost"):
+                match = np.corrcoef(by_phase(r), by_phase(other))[0, 1]
+            numbers = [100 * pull, span.mean(), span.std(), span.min(), span.max(), seconds]
+            table.writerow(
+                [name, *(f"{x:.2f}" for x in numbers), int(steps), f"{residual:.2e}", f"{depth:.3f}", f"{match:.3f}"]
+            )
+    with (folder / "winding_layers.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["run", *(f"layer_{k}" for k in range(1, 11))])
+        for name, r in runs.items():
+            if not name.startswith("cost"):
+                table.writerow([name, *(f"{x:.3f}" for x in r["layers"][:10])])
+
+
+def by_phase(r: dict[str, np.ndarray], bins: int = 40) -> np.ndarray:
+    """Mean span tension over the guide cycle, shape (bins,)."""
+    steady = r["time"] > START
+    place = (r["phase"][steady] % 1 * bins).astype(int)
+    return np.array([r["span"][steady][place == k].mean() for k in range(bins)])
+
+
+def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
+    """Span tension, layers, refinement and cost."""
+    metadata = {"Date": None}
+    figure, grid = plt.subplots(3, 3, figsize=(11, 7), sharex=True, layout="constrained")
+    for row, tex in zip(grid, MODULUS, strict=True):
+        for axes, rpm in zip(row, SPEEDS, strict=True):
+            for mode, style in (("reference", "C0"), ("fast", "C1")):
+                r = runs.get(f"{mode}-{tex:g}tex-{rpm}rpm")
+                if r is not None:
+                    axes.plot(r["time"], 100 * r["span"], style, lw=0.6, label=mode)
+            axes.axhline(100 * TENSION[tex], color="k", lw=0.6)
+            axes.set_title(f"{tex:g} tex, {rpm} r/min", fontsize=9)
+    grid[0, 0].legend(fontsize=8)
+    figure.supxlabel("time (s)")
+    figure.supylabel("tension between guide and bobbin (cN); black: T₀")
+    figure.savefig(folder / "span_tension.svg", metadata=metadata)
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
+    for ax, name in zip(axes, ("stiff", "soft"), strict=True):
+        ax.axhline(1, color="k", lw=0.6)
+        for length, colour in ((4, "C2"), (2, "C0"), (1, "C3")):
+            for mode, style in (("reference", "-o"), ("fast", "--")):
+                r = runs.get(f"refine-{name}-{length}mm-{mode}")
+                if r is not None:
+                    layers = r["layers"]
+                    ax.plot(range(1, len(layers) + 1), layers, style, color=colour, ms=3, label=f"{mode} {length} mm")
+        ax.set(title=f"{name} yarn", xlabel="layer")
+        if ax.lines[1:]:
+            ax.legend(fontsize=7)
+    axes[0].set_ylabel("T / T₀ at the end")
+    figure.savefig(folder / "layers_refined.svg", metadata=metadata)
+
+    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    for mode in ("fast", "reference"):
+        lengths = [m for m in (1, 3, 9, 30, 90) if f"cost-{mode}-{m}m" in runs]
+        axes.loglog(lengths, [runs[f"cost-{mode}-{m}m"]["numbers"][1] for m in lengths], "o-", label=mode)
+    axes.set(xlabel="yarn wound (m)", ylabel="CPU time (s)")
+    axes.legend()
+    figure.savefig(folder / "cost.svg", metadata=metadata)
+
+    best = runs.get("refine-stiff-1mm-reference")
+    if best is not None:
+        figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+        for mode, mark in (("fast", "C1o"), ("reference", "C0s")):
+            for length in (4, 2, 1):
+                r = runs.get(f"refine-stiff-{length}mm-{mode}")
+                if r is not None and r is not best:
+                    error = np.sqrt(np.mean((by_phase(r) / by_phase(best) - 1) ** 2))
+                    axes.loglog(r["numbers"][1], error, mark)
+                    axes.annotate(f" {mode} {length} mm", (r["numbers"][1], error), fontsize=8)
+        axes.set(xlim=(0.03, 300), ylim=(1e-3, 1e-1))
+        axes.set(xlabel="CPU time (s)", ylabel="span tension over the guide cycle:\nrms deviation from reference 1 mm")
+        figure.savefig(folder / "work_error.svg", metadata=metadata)
+
+
+def main(study: str, folder: Path) -> None:
+    """Run a study, then draw what is there."""
+    (folder / "runs").mkdir(parents=True, exist_ok=True)
+    if study != "figures":
+        scenes = STUDIES[study]()
+        if study in ("reference", "refine"):
+            with ProcessPoolExecutor(2) as pool:
+                for line in pool.map(_niced, scenes.keys(), scenes.values(), [folder] * len(scenes)):
+                    print(line, flush=True)
+        else:
+            for name, scene in scenes.items():
+                print(run(name, scene, folder), flush=True)
+    runs = read(folder)
+    tables(runs, folder)
+    figures(runs, folder)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 2 or sys.argv[1] not in (*STUDIES, "figures"):
+        sys.exit(__doc__)
+    main(sys.argv[1], Path(sys.argv[2]) if len(sys.argv) > 2 else Path("reports/winding"))

@@ -1,0 +1,1 @@
+"""The winding scene: a yarn drawn through a traversing guide onto a rotating bobbin."""
