@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from pipeline.errors import InputError, YarnvalError, nearest
+from pipeline.errors import InputError, YarnvalError, nearest, refuse_unknown
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -184,6 +185,51 @@ def sweep(
     return 1 if failed else 0
 
 
+@app.command(epilog="Example: yarnval wind data_samples/winding/nine_cases.toml --case '131.2 tex, 1000 r/min'")
+def wind(
+    scene: Annotated[Path, typer.Argument(help="SCENE.toml: one winding case or many.", metavar="SCENE.toml")],
+    mode: Annotated[
+        str | None, typer.Option(help="fast, reference or auto, for all cases [default: the file's].")
+    ] = None,
+    case: Annotated[str | None, typer.Option(help="Wind this case only, with its variants.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder that gets the scene's folder.")] = Path("reports"),
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="Keep the state of reference runs here, and go on from it.", metavar="FILE")
+    ] = None,
+    log: Annotated[
+        list[str] | None, typer.Option(help="Measured tension: CASE=FILE, or FILE if there is one case.")
+    ] = None,
+    profile: Annotated[str, typer.Option(help="Layout of the logs: a packaged name or a TOML file.")] = "plain-csv",
+    as_json: Json = False,
+) -> int:
+    """Wind yarn onto a bobbin: tension in time, on the package and by layer, beside the paper's findings.
+
+    Exit 1 if a run was not completed; its row stays in the tables with the reason.
+    """
+    from pipeline.atomic import refuse_strangers
+    from pipeline.report.winding import CONTENTS, document, write_winding
+    from pipeline.winding.checkpoint import checkpoints
+    from pipeline.winding.run import failed, run_winding
+    from pipeline.winding.study import load_winding, with_logs
+
+    if mode is not None:
+        refuse_unknown("--mode", "mode", mode, ["fast", "reference", "auto"])
+    given = with_logs(load_winding(scene, only=case, mode=mode), log or [], profile)
+    folder = out / given.name
+    refuse_strangers(folder, CONTENTS.__contains__, "a winding report")  # before minutes of work, not after
+    kept = checkpoints(checkpoint, given.cases) if checkpoint else {}
+    with _status(f"winding {given.name}") as shown:
+        rows = run_winding(given, progress=_share_told(shown, f"winding {given.name}"), checkpoints=kept)
+        write_winding(given, rows, folder)
+    if as_json:
+        _print_json(document(rows))
+    else:
+        print(folder / "wind.html")
+    for line in failed(rows):
+        print(f"{scene}: {line}", file=sys.stderr)
+    return 1 if failed(rows) else 0
+
+
 @app.command(
     epilog="Example: yarnval measure data_samples/rig/case1/yarn.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )
@@ -310,6 +356,13 @@ def _window(text: str | None) -> tuple[float | None, float | None] | None:
 
 def _status(text: str) -> Any:
     return progress.status(text) if progress.is_terminal else _Quiet()
+
+
+def _share_told(shown: Any, text: str) -> Callable[[float, float], None] | None:
+    """Show the share of the work done and the time left; None where nothing is shown."""
+    if shown is None:
+        return None
+    return lambda share, left: shown.update(f"{text}: {share:.0%}, about {left:.0f} s left")
 
 
 class _Quiet:
