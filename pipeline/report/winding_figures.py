@@ -46,8 +46,8 @@ def tension_in_time(rows: Sequence[Row]) -> Figure:
     measured = any(row.case.log for row in rows)
     caption = (
         "Tension between guide and bobbin against time, as in the paper's Fig. 7: thin, means over 1 ms; thick, over "
-        f"10 ms, as a sensor of 100 Hz reads it; dots, the samples {SPACING:g} s apart that the error is over; crosses, "
-        "extremes of the guide's collision, which are left out; dashed, the end tension T₀. "
+        f"10 ms, as a sensor of 100 Hz reads it; dots, the samples {SPACING:g} s apart that the error is over; "
+        "crosses, extremes of the guide's collision, which are left out; dashed, the end tension T₀. "
         + ("Black: the measured log." if measured else "The paper's measured curves are not published.")
     )
     across = min(_ACROSS, len(rows))
@@ -76,7 +76,7 @@ def _trace(axes: Axes, row: Row) -> None:
     ends = np.array([0.0, scene.duration])
     axes.plot(ends, 100 * (scene.tension + scene.tension_slope * ends), **_END_TENSION)
     axes.plot(row.sample_time, 100 * row.samples, ".", color="#D55E00", markersize=4)
-    axes.plot(time[row.extremes], tension[row.extremes], "x", color=FLAGGED, markersize=4)
+    axes.plot(time[row.extremes], tension[row.extremes], "x", color=FLAGGED, markersize=2.5, markeredgewidth=0.6)
     if row.case.log:
         log = row.case.log
         at = log.raw.time - log.start
@@ -97,8 +97,8 @@ def effect_of_fineness(rows: Sequence[Row]) -> Figure | None:
     fastest = sorted((row for row in rows if row.speed == shared[-1]), key=lambda row: row.tex)
     caption = (
         f"Effect of fineness. Above, tension at {shared[-1]:g} m/s as a sensor of 100 Hz reads it, as in the paper's "
-        "Fig. 8. Below, over the end tension T₀, which is an input: mean with its standard deviation (the bar), and the "
-        "largest value (open), at each speed."
+        "Fig. 8. Below, over the end tension T₀, which is an input: mean with its standard deviation (the bar), and "
+        "the largest value (open), at each speed."
     )
     figure = captioned(caption, height=5.6)
     above, below = figure.subplots(2, 1)
@@ -107,7 +107,7 @@ def effect_of_fineness(rows: Sequence[Row]) -> Figure | None:
         above.axhline(100 * row.end_tension, **_END_TENSION)
     above.set_xlabel("time (s)")
     above.set_ylabel("tension (cN)")
-    above.legend(ncols=3, loc="lower right")
+    above.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     offsets = np.linspace(-0.16, 0.16, len(shared)) if len(shared) > 1 else [0.0]
     fineness = sorted({row.tex for row in rows})
     for speed, offset, colour, marker in zip(shared, offsets, _COLOURS[3:] + _COLOURS[:3], _MARKERS, strict=False):
@@ -144,8 +144,8 @@ def package(row: Row) -> Figure:
     scene = row.case.scene
     for axes, shot in zip(grid, shots, strict=False):
         lines = _package(axes, scene, shot.position, shot.tension / row.end_tension, norm)
-        layers = int(shot.layer.max()) if shot.layer.size else 0
-        axes.set_title(f"layer {layers}, {shot.time:.2f} s", fontsize=10)
+        complete = math.floor(float(np.interp(shot.time, row.result.time, row.result.guide_phase)))
+        axes.set_title(f"{complete} layer{'s' if complete != 1 else ''}, {shot.time:.2f} s", fontsize=10)
         if shot is shots[-1]:
             figure.colorbar(
                 lines, ax=list(grid), location="bottom", shrink=0.7, aspect=30, pad=0.02, label="tension over T₀"

@@ -4,7 +4,7 @@ The paper's measured curves are not published, so that its findings are held aga
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import groupby, pairwise
@@ -58,7 +58,10 @@ def rise(rows: Sequence[Row]) -> Finding:
         change = span.slope * span.length
         return change > RISE * row.end_tension and span.slope > 2 * span.slope_u
 
-    return _verdict(claim, rows, rises, lambda row: f"{100 * row.span.slope * row.span.length:+.2f} cN")
+    def said(several: Sequence[Row]) -> str:
+        return f"{_range([100 * row.span.slope * row.span.length for row in several], '+.2f')} cN over the run"
+
+    return _verdict(claim, rows, rises, said)
 
 
 def layers(rows: Sequence[Row]) -> Finding:
@@ -70,7 +73,11 @@ def layers(rows: Sequence[Row]) -> Finding:
         inner, outer = halves(row)
         return inner <= WEAK and outer - inner >= DIFFERENCE
 
-    return _verdict(claim, known, weak_inside, lambda row: "{:.2f} inside, {:.2f} outside".format(*halves(row)))
+    def said(several: Sequence[Row]) -> str:
+        inner, outer = zip(*map(halves, several), strict=True)
+        return f"inner half at {_range(inner, '.2f')} T₀, outer half at {_range(outer, '.2f')} T₀"
+
+    return _verdict(claim, known, weak_inside, said)
 
 
 def halves(row: Row) -> tuple[float, float]:
@@ -119,23 +126,21 @@ def fineness(rows: Sequence[Row]) -> Finding:
     return Finding(claim, Verdict.NOT_REPRODUCED, f"{why}.")
 
 
-def _verdict(claim: str, rows: Sequence[Row], holds: Callable[[Row], bool], value: Callable[[Row], str]) -> Finding:
-    """Reproduced if all cases hold, only if some case or variant does, and which."""
+def _verdict(
+    claim: str, rows: Sequence[Row], holds: Callable[[Row], bool], said: Callable[[Sequence[Row]], str]
+) -> Finding:
+    """Reproduced if all cases hold, only if some case or variant does, and which; `said` tells the numbers of rows."""
     base = [row for row in rows if not row.variant]
     if not base:
-        return Finding(claim, Verdict.NOT_ASKED, "no case with the numbers that this needs was solved")
-    held = [row for row in base if holds(row)]
-    if len(held) == len(base):
-        return Finding(claim, Verdict.REPRODUCED, f"{_said(base, value)}.")
-    where = [row for row in rows if holds(row)]
-    not_held = [row for row in base if row not in held]
-    if where:
-        return Finding(claim, Verdict.ONLY_IF, f"{_said(where, value)}. Not so: {_said(not_held, value)}.")
-    return Finding(claim, Verdict.NOT_REPRODUCED, f"{_said(base, value)}.")
-
-
-def _said(rows: Iterable[Row], value: Callable[[Row], str]) -> str:
-    return "; ".join(f"{row.name}: {value(row)}" for row in rows)
+        return Finding(claim, Verdict.NOT_ASKED, "no case with the numbers that this needs was completed")
+    held = [row for row in rows if holds(row)]
+    rest = [row for row in base if not holds(row)]
+    if not rest:
+        return Finding(claim, Verdict.REPRODUCED, f"in all {len(base)} cases: {said(base)}.")
+    if not held:
+        return Finding(claim, Verdict.NOT_REPRODUCED, f"in any of {len(base)} cases: {said(base)}.")
+    where = "; ".join(f"{row.name} ({said([row])})" for row in held)
+    return Finding(claim, Verdict.ONLY_IF, f"{where}. Not in {len(rest)} of {len(base)} cases: {said(rest)}.")
 
 
 def _range(values: Sequence[float], form: str) -> str:

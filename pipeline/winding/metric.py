@@ -44,9 +44,9 @@ class Span:
     """Of the least-squares line [N/s]."""
     slope_u: float
     peak: float
-    """The largest tension, extremes of the guide's collision left out, also before it has settled [N]."""
+    """The largest tension [N]."""
     length: float
-    """Length in time of what the mean and the slope are over [s]."""
+    """Length in time of what all this is over [s]."""
 
     @property
     def mean(self) -> float:
@@ -83,24 +83,23 @@ class Errors:
         return float(np.nanmax(self.percent)) if self.count else math.nan
 
 
-def span_statistics(time: Array, tension: Array, kept: NDArray[np.bool_], settled: float) -> Span:
-    """Statistics of the kept points from the time `settled` [s] on; NaN where fewer than three are left.
+def span_statistics(time: Array, tension: Array, settled: float) -> Span:
+    """Statistics of all points from the time `settled` [s] on, extremes too; NaN where there are fewer than three.
 
     u of the slope is that of independent points, widened by √(n/n_eff) of the residuals.
 
     Parameters
     ----------
-    time, tension, kept : the series [s, N] and what of it counts, shape (n,), evenly spaced in time.
+    time, tension : the series [s, N], shape (n,), evenly spaced in time.
     """
-    used = kept & (time >= settled)
-    peak = float(tension[kept].max()) if kept.any() else math.nan
+    used = time >= settled
     if np.count_nonzero(used) < 3:
-        return Span(Estimate(math.nan, n=int(np.count_nonzero(used))), math.nan, math.nan, peak, 0.0)
+        return Span(Estimate(math.nan, n=int(np.count_nonzero(used))), math.nan, math.nan, math.nan, 0.0)
     t, y = time[used] - time[used].mean(), tension[used]
     slope = float(t @ y / (t @ t))
     rest = y - y.mean() - slope * t
     u = math.sqrt(float(rest @ rest) / (t.size - 2) / float(t @ t) * t.size / effective_count(rest))
-    return Span(mean_estimate(y), slope, u, peak, float(np.ptp(time[used])))
+    return Span(mean_estimate(y), slope, u, float(y.max()), float(np.ptp(time[used])))
 
 
 def sample_times(duration: float) -> Array:

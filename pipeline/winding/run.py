@@ -35,6 +35,8 @@ class Row:
     samples: Array
     """The paper's samples [N], shape (k,)."""
     errors: Errors
+    errors_all: Errors
+    """The same with nothing left out."""
 
     @property
     def name(self) -> str:
@@ -110,6 +112,7 @@ def row(case: WindingCase, result: WindingResult) -> Row:
     extremes = metric.collision_extremes(at, tension, turns(result))
     times = metric.sample_times(case.scene.duration)
     samples = metric.sampled(at, tension, ~extremes, times)
+    every = metric.sampled(at, tension, np.ones_like(extremes), times)
     if case.log is None:
         reference, said = case.scene.tension + case.scene.tension_slope * times, "T₀"
     else:
@@ -118,10 +121,11 @@ def row(case: WindingCase, result: WindingResult) -> Row:
         case=case,
         result=result,
         extremes=extremes,
-        span=metric.span_statistics(at, tension, ~extremes, _settled(result)),
+        span=metric.span_statistics(at, tension, _settled(result)),
         sample_time=times,
         samples=samples,
         errors=metric.errors(samples, reference, said),
+        errors_all=metric.errors(every, reference, said),
     )
 
 

@@ -3,7 +3,7 @@
 /                         study: title, source, notes, findings, provenance (attributes)
 /runs                     numbers of every run (run): span, errors, outcome; cN, percent
 /runs/run_<i>             time series of the span and of the guide (time), samples (sample), layers (layer); SI
-/runs/run_<i>/snapshot_<j>  the laid yarn at one time (node); SI
+/runs/run_<i>/snapshot_<j>  the laid yarn of a case at one time (node); SI
 /runs/run_<i>/energy      the reference mode's ledger (moment); SI
 """
 
@@ -31,9 +31,10 @@ _NUMBERS = {
     "span_sd": ("cN", "standard deviation of that tension"),
     "span_slope": ("cN s-1", "slope of that tension's least-squares line"),
     "span_slope_u": ("cN s-1", "standard uncertainty of that slope"),
-    "span_peak": ("cN", "largest tension between guide and bobbin, the guide's extremes left out"),
+    "span_peak": ("cN", "largest tension between guide and bobbin, settled"),
     "error_mean": ("percent", "mean relative error of the samples"),
     "error_max": ("percent", "largest relative error of the samples"),
+    "error_all_mean": ("percent", "mean relative error with the guide's extremes left in"),
     "energy_residual": ("1", "largest imbalance of energy over the largest throughput"),
     "penetration_max": ("m", "largest approach of the contacts beyond touching"),
     "time_step": ("s", "time step"),
@@ -60,6 +61,7 @@ def run_numbers(row: Row) -> dict[str, float]:
         "span_peak": 100 * span.peak,
         "error_mean": row.errors.mean_percent,
         "error_max": row.errors.max_percent,
+        "error_all_mean": row.errors_all.mean_percent,
         "energy_residual": math.nan if result.energy is None else result.energy.residual,
         "penetration_max": result.penetration_max,
         "time_step": result.time_step,
@@ -106,7 +108,8 @@ def to_tree(
     for index, row in enumerate(rows):
         path = f"/runs/run_{index}"
         nodes[path] = _run(row)
-        nodes |= {f"{path}/snapshot_{j}": _snapshot(shot) for j, shot in enumerate(row.result.snapshots)}
+        if not row.variant:  # their packages are not drawn
+            nodes |= {f"{path}/snapshot_{j}": _snapshot(shot) for j, shot in enumerate(row.result.snapshots)}
         if row.result.energy is not None:
             nodes[f"{path}/energy"] = _energy(row.result.energy)
     return xr.DataTree.from_dict(nodes)
