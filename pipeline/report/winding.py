@@ -107,12 +107,13 @@ def runs_table(rows: Sequence[Row]) -> list[dict[str, object]]:
 
 
 _EDGE_UNITS = {
-    "drum_rpm": "drum_rpm", "speed": "speed_m_s", "end_tension": "T0_cN", "span_mean": "span_mean_cN",
-    "span_u": "span_u_cN", "span_sd": "span_sd_cN", "span_slope": "span_slope_cN_per_s",
-    "span_slope_u": "span_slope_u_cN_per_s", "span_peak": "span_peak_cN", "error_mean": "error_mean_percent",
-    "error_max": "error_max_percent", "error_all_mean": "error_all_mean_percent", "penetration_max": "penetration_max_m", "time_step": "time_step_s",
+    "speed": "speed_m_s", "end_tension": "T0_cN", "span_mean": "span_mean_cN", "span_u": "span_u_cN",
+    "span_sd": "span_sd_cN", "span_slope": "span_slope_cN_per_s", "span_slope_u": "span_slope_u_cN_per_s",
+    "span_peak": "span_peak_cN", "error_mean": "error_mean_percent", "error_max": "error_max_percent",
+    "error_all_mean": "error_all_mean_percent", "penetration_max": "penetration_max_m", "time_step": "time_step_s",
     "time_step_limit": "time_step_limit_s", "wall": "wall_s",
 }  # fmt: skip
+"""Name → column, where the name has no unit of its own."""
 
 
 def _with_units(numbers: Mapping[str, float]) -> dict[str, float]:
@@ -258,7 +259,7 @@ def _page(
     heading(2, "package", "Figure 9: tension on the package")
     if drawn.result.snapshots:
         show(figures.package(drawn), "fig09_package")
-    show(figures.layer_tension([row for row in rows if row.layers.size]), "layers")
+    show(figures.layer_tension([row for row in base if row.layers.size]), "layers")
     output({"text/html": _layers_html(base)})
     heading(2, "frames", "The winding in frames")
     show(figures.frames(drawn), "frames")
@@ -268,7 +269,8 @@ def _page(
             "sensitivity",
             "What is robust and what is not",
             f"Robust is a span mean that changes by less than {100 * SPAN_LIMIT:g} % of itself, and a layer profile of "
-            f"which no layer changes by more than {LAYER_LIMIT:g} T₀.",
+            f"which no layer changes by more than {LAYER_LIMIT:g} T₀. A parameter that changes nothing, to the last bit, is "
+            "no part of the mode: that says nothing about the yarn.",
         )
         output({"text/html": _sensitivity_html(changes)})
         by_group = groupby(

@@ -238,7 +238,7 @@ def _about_z(angle: float) -> Array:
 
 @styled
 def layer_tension(rows: Sequence[Row]) -> Figure:
-    """Mean tension of each complete layer at the end over T₀, a line a run."""
+    """Mean tension of each complete layer at the end over T₀, a line a case."""
     caption = (
         "Mean tension of the complete layers at the end over the end tension T₀, innermost first. On the dashed line a "
         "layer has kept the tension that it was laid with."
@@ -248,7 +248,7 @@ def layer_tension(rows: Sequence[Row]) -> Figure:
     shades = matplotlib.colormaps["viridis"](np.linspace(0, 0.85, len(rows)))
     for row, shade, marker in zip(rows, shades, _cycled(_MARKERS, len(rows)), strict=True):
         place = np.arange(1, row.layers.size + 1)
-        axes.plot(place, row.layers, marker=marker, markersize=4, color=tuple(shade), label=_short(row))
+        axes.plot(place, row.layers, marker=marker, markersize=4, color=tuple(shade), label=row.name)
     axes.axhline(1, **_END_TENSION)
     axes.set_xlabel("layer, from the bobbin outwards")
     axes.set_ylabel("tension over T₀")
@@ -256,11 +256,6 @@ def layer_tension(rows: Sequence[Row]) -> Figure:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.legend(loc="outside upper left", ncols=2)
     return figure
-
-
-def _short(row: Row) -> str:
-    variant = row.case.variant
-    return f"{variant.group.name}: {written(variant.value)}" if variant else row.name
 
 
 def _cycled(items: Sequence[str], count: int) -> list[str]:

@@ -111,7 +111,7 @@ def fineness(rows: Sequence[Row]) -> Finding:
 
     shift = [change(*pair) for pair in equal]
     spread = [coarse.span.sd / fine.span.sd for fine, coarse in equal]
-    why = f"At equal end tension the mean changes by {_range([100 * s for s in shift], '+.1f')} % of it"
+    why = f"At equal end tension the mean changes by {_range([100 * s for s in shift], '+.2f')} % of it"
     if min(shift) >= RISE:
         return Finding(claim, Verdict.REPRODUCED, f"{why}.")
     conditions = []
@@ -145,4 +145,4 @@ def _verdict(
 
 def _range(values: Sequence[float], form: str) -> str:
     low, high = f"{min(values):{form}}", f"{max(values):{form}}"
-    return low if low == high else f"{low} to {high}"
+    return (low if low == high else f"{low} to {high}").replace("-", "−")

@@ -79,6 +79,15 @@ class WindKeys(Keys):
             key = next((key for key, (field, _) in FIELDS.items() if field == name), name)
             raise ValueError(f"{key} = {written(getattr(self, key, None))}: {right}") from None
 
+    def value(self, key: str) -> Any:
+        """What a key says, in its unit; where it is left out, what `WindingScene` then takes."""
+        given = getattr(self, key)
+        if given is not None or key not in FIELDS:
+            return given
+        field, per_unit = FIELDS[key]
+        taken = getattr(self.scene(), field)
+        return taken / per_unit if isinstance(taken, float) else taken
+
 
 FIELDS: Mapping[str, tuple[str, float]] = {
     "tex": ("linear_density", 1e-6),

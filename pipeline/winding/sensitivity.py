@@ -35,16 +35,23 @@ class Sensitivity:
     """Change of T/T₀ of the outermost layer that both have."""
     largest_layer: float
     """Largest magnitude of a change of T/T₀ over the layers that both have."""
+    unused: bool
+    """Whether nothing at all has changed, to the last bit: the mode does not use the parameter."""
 
     @property
     def span_said(self) -> str:
         """Robust or not, in words."""
-        return _said(abs(self.span_percent) / 100, SPAN_LIMIT)
+        return self._said(abs(self.span_percent) / 100, SPAN_LIMIT)
 
     @property
     def layers_said(self) -> str:
         """Robust or not, in words."""
-        return _said(self.largest_layer, LAYER_LIMIT)
+        return self._said(self.largest_layer, LAYER_LIMIT)
+
+    def _said(self, change: float, limit: float) -> str:
+        if self.unused:
+            return "no part of this mode"
+        return "not known" if math.isnan(change) else "robust" if change <= limit else "not robust"
 
     def as_record(self) -> dict[str, object]:
         """Fields and judgements, for a table."""
@@ -62,20 +69,19 @@ def _change(base: Row, row: Row) -> Sensitivity:
     group = row.case.variant.group
     both = min(base.layers.size, row.layers.size) if base.ok and row.ok else 0
     layers = row.layers[:both] - base.layers[:both]
-    own = getattr(base.case.keys, group.parameter)
     return Sensitivity(
         case=base.case.name,
         name=group.name,
         parameter=group.parameter,
         value=written(row.case.variant.value),
-        own=written(own),
+        own=written(base.case.keys.value(group.parameter)),
         span_percent=100 * (row.span.mean / base.span.mean - 1),
         sd_percent=100 * (row.span.sd / base.span.sd - 1) if base.span.sd > 0 else math.nan,
         first_layer=float(layers[0]) if both else math.nan,
         last_layer=float(layers[-1]) if both else math.nan,
         largest_layer=float(np.max(np.abs(layers))) if both else math.nan,
+        unused=all(
+            np.array_equal(getattr(row.result, name), getattr(base.result, name))
+            for name in ("span_tension", "layers_T_over_T0", "guide_position")
+        ),
     )
-
-
-def _said(change: float, limit: float) -> str:
-    return "not known" if math.isnan(change) else "robust" if change <= limit else "not robust"
