@@ -269,8 +269,8 @@ def _page(
             "sensitivity",
             "What is robust and what is not",
             f"Robust is a span mean that changes by less than {100 * SPAN_LIMIT:g} % of itself, and a layer profile of "
-            f"which no layer changes by more than {LAYER_LIMIT:g} T₀. A parameter that changes nothing, to the last bit, is "
-            "no part of the mode: that says nothing about the yarn.",
+            f"which no layer changes by more than {LAYER_LIMIT:g} T₀. A parameter that changes nothing, to the last "
+            "bit, is no part of the mode: that says nothing about the yarn.",
         )
         output({"text/html": _sensitivity_html(changes)})
         by_group = groupby(

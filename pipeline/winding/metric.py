@@ -32,6 +32,7 @@ COLLISION = 0.01
 EXTREME = 3.0
 """Robust standard deviations beyond which a point is extreme."""
 _MAD_PER_SIGMA = 1.4826
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +105,7 @@ def span_statistics(time: Array, tension: Array, settled: float) -> Span:
 
 def sample_times(duration: float) -> Array:
     """0.05, 0.10, … s: 30 of them, or as many as fit in `duration` [s]."""
-    return SPACING * np.arange(1.0, 1.0 + min(SAMPLES, math.floor(duration / SPACING + 1e-9)), dtype=np.float64)
+    return SPACING * np.arange(1.0, 1.0 + min(SAMPLES, math.floor(duration / SPACING + _ROUNDING)), dtype=np.float64)
 
 
 def collision_extremes(time: Array, tension: Array, turns: Array) -> NDArray[np.bool_]:
@@ -125,10 +126,13 @@ def collision_extremes(time: Array, tension: Array, turns: Array) -> NDArray[np.
 
 
 def sampled(time: Array, tension: Array, kept: NDArray[np.bool_], at: Array) -> Array:
-    """Mean of the kept points over the sensor's interval about each time of `at` [N]; NaN where none is left."""
+    """Mean of the kept points over the sensor's interval about each time of `at` [N]; NaN where none is left.
+
+    A point stands for the time since the one before it, so that those in (t − 5 ms, t + 5 ms] are the interval.
+    """
     found = np.full(at.size, math.nan)
     for index, moment in enumerate(at):
-        near = kept & (np.abs(time - moment) <= SENSOR / 2)
+        near = kept & (time > moment - SENSOR / 2 + _ROUNDING) & (time <= moment + SENSOR / 2 + _ROUNDING)
         if near.any():
             found[index] = tension[near].mean()
     return found
