@@ -47,7 +47,7 @@ class FileCheckpoint:
     def _read(self) -> State:
         right = "give the file of an interrupted run, or a new one"
         try:
-            with np.load(self.path, allow_pickle=False) as file:
+            with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 if _SCENE not in file:
                     raise InputError(self.path, "no state of a winding run", right)
                 if str(file[_SCENE]) != self._scene:

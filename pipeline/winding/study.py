@@ -95,11 +95,10 @@ def load_winding(file: Path, *, only: str | None = None, mode: str | None = None
             raise InputError(file, f"the case '{case.name}' is named twice", "name each once")
         cases[case.name], given[case.name] = case, merged
     names = list(cases)
-    package_case = keys.package_case or only or names[-1]
+    package_case = keys.package_case or names[-1]
     refuse_unknown(file, "package_case", package_case, names)
     if only is not None:
         refuse_unknown("--case", "case", only, names)
-        package_case = only
     variants = [
         _variant(file, group, value, given[group.case])
         for group in _groups(file, keys, names)
@@ -114,7 +113,7 @@ def load_winding(file: Path, *, only: str | None = None, mode: str | None = None
         source=keys.source,
         notes=keys.notes,
         cases=(*chosen, *variants),
-        package_case=package_case,
+        package_case=only or package_case,
     )
 
 
