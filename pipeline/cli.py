@@ -199,6 +199,14 @@ def wind(
     log: Annotated[
         list[str] | None, typer.Option(help="Measured tension: CASE=FILE, or FILE if there is one case.")
     ] = None,
+    calibrate: Annotated[
+        Path | None,
+        typer.Option(
+            help="Fit transverse stiffness and relaxation of the case to a tension log, or to a layer profile: a CSV "
+            "with the columns layer, T_over_T0.",
+            metavar="LOG|PROFILE",
+        ),
+    ] = None,
     profile: Annotated[str, typer.Option(help="Layout of the logs: a packaged name or a TOML file.")] = "plain-csv",
     as_json: Json = False,
 ) -> int:
@@ -207,7 +215,9 @@ def wind(
     Exit 1 if a run was not completed; its row stays in the tables with the reason.
     """
     from pipeline.atomic import refuse_strangers
-    from pipeline.report.winding import CONTENTS, document, write_winding
+    from pipeline.report.winding import CONTENTS, write_winding
+    from pipeline.report.winding_tables import document
+    from pipeline.winding.calibration import calibrated
     from pipeline.winding.checkpoint import checkpoints
     from pipeline.winding.run import failed, run_winding
     from pipeline.winding.study import load_winding, with_logs
@@ -217,12 +227,17 @@ def wind(
     given = with_logs(load_winding(scene, only=case, mode=mode), log or [], profile)
     folder = out / given.name
     refuse_strangers(folder, CONTENTS.__contains__, "a winding report")  # before minutes of work, not after
+    fit = None
+    if calibrate:
+        with _status(f"calibrating {given.name} on the fast mode"):
+            fit = calibrated(given, calibrate, profile)
+        given = fit.study
     kept = checkpoints(checkpoint, given.cases) if checkpoint else {}
     with _status(f"winding {given.name}") as shown:
         rows = run_winding(given, progress=_share_told(shown, f"winding {given.name}"), checkpoints=kept)
-        write_winding(given, rows, folder)
+        write_winding(given, rows, folder, fit)
     if as_json:
-        _print_json(document(rows))
+        _print_json(document(rows, fit))
     else:
         print(folder / "wind.html")
     for line in failed(rows):

@@ -32,6 +32,8 @@ QUANTILES = np.linspace(0.05, 0.95, 19)
 """Of the readings of a span's tension that are compared."""
 STIFFNESS = (1e5, 1e9)
 """Range of the transverse stiffness [N/m²]: outside it a yarn is pulp, or rigid."""
+SCANNED = (5.5, 6.0, 6.5, 7.0)
+"""log₁₀ of the stiffnesses that a fit is tried from, beside the scene's own; the best is taken."""
 LARGEST_SUM = 0.99
 """Largest sum of the Prony weights."""
 FAINT = 1e-4
@@ -49,8 +51,8 @@ class Fitted:
     value: float
     """SI: N/m² for the transverse stiffness; the relaxation is the first Prony weight."""
     u: float
-    """Standard uncertainty from the scatter of the residuals, linearised at the fit; infinite where the measurement does
-    not determine the parameter."""
+    """Standard uncertainty from the scatter of the residuals, linearised at the fit; infinite where the measurement
+    does not determine the parameter."""
 
     @property
     def determined(self) -> bool:
@@ -143,11 +145,20 @@ def _fit(
             scene, fitted, measured, before, before, runs, False, "the measurement determines no parameter"
         )
     bounds = np.array([_bounds(scene, name) for name in seen]).T
-    first = np.clip(_of(scene, seen), bounds[0] + 1e-6, bounds[1] - 1e-6)
+    starts = [start[[names.index(name) for name in seen]]]
+    if "transverse_stiffness" in seen:  # a profile may have one valley for sinking and one for relaxing
+        starts += [_with_stiffness(starts[0], seen, decade) for decade in SCANNED]
+    misses = [float(np.sum((predicted(seen, x) - measured) ** 2)) for x in starts]
+    first = np.clip(starts[int(np.argmin(misses))], bounds[0] + 1e-6, bounds[1] - 1e-6)
     found = least_squares(
-        lambda x: predicted(seen, x) - measured, first, bounds=(bounds[0], bounds[1]), diff_step=STEP, x_scale=1.0,
-        xtol=1e-5, ftol=1e-8, gtol=1e-10,
-    )  # fmt: skip
+        lambda x: predicted(seen, x) - measured,
+        first,
+        bounds=(bounds[0], bounds[1]),
+        diff_step=np.full(len(seen), STEP),
+        xtol=1e-5,
+        ftol=1e-8,
+        gtol=1e-10,
+    )
     best = _with(scene, seen, found.x)
     u = _uncertainty(np.asarray(found.jac, dtype=np.float64), np.asarray(found.fun, dtype=np.float64))
     fitted = tuple(
@@ -168,6 +179,12 @@ def _uncertainty(jacobian: Array, residuals: Array) -> Array:
 
 
 # The unknowns x: log₁₀ of the stiffness, whose effect goes over decades, and the relaxation as it is.
+
+
+def _with_stiffness(x: Array, names: Sequence[Name], decade: float) -> Array:
+    changed = x.copy()
+    changed[names.index("transverse_stiffness")] = decade
+    return changed
 
 
 def _value(scene: WindingScene, name: Name) -> float:

@@ -13,11 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from models.winding.calibrate import QUANTILES
 from models.winding.result import Integers, Snapshot, WindingResult
 from models.winding.scene import WindingScene
 from pipeline.records import Array
 from pipeline.report.figures import FLAGGED, MEASURED, captioned, styled
 from pipeline.report.package_picture import Bobbin, draw_bobbin, draw_yarn, project
+from pipeline.winding.calibration import CalibratedStudy
 from pipeline.winding.keys import written
 from pipeline.winding.metric import SENSOR, SPACING
 from pipeline.winding.run import Row
@@ -260,6 +262,32 @@ def layer_tension(rows: Sequence[Row]) -> Figure:
 
 def _cycled(items: Sequence[str], count: int) -> list[str]:
     return [items[index % len(items)] for index in range(count)]
+
+
+@styled
+def calibration(fit: CalibratedStudy, row: Row) -> Figure:
+    """What was measured, and the same from the scene before and after the fit; from the page's own run too."""
+    found = fit.calibration
+    layered = fit.kind == "layers"
+    caption = f"Calibration to {fit.origin.name}: " + (
+        "tension of the layers over T₀, innermost first."
+        if layered
+        else "quantiles of the tension between guide and bobbin."
+    )
+    figure = captioned(caption, height=3.6)
+    axes = figure.subplots()
+    place, scale = (np.arange(1, found.measured.size + 1), 1.0) if layered else (100 * QUANTILES, 100.0)
+    axes.plot(place, scale * found.measured, "D", color=MEASURED, markersize=5, label="measured")
+    axes.plot(place, scale * found.before, "--", color="#6e6e6e", label="as given")
+    axes.plot(place, scale * found.after, color=SPAN, label="fitted, fast mode")
+    if layered:
+        run = row.layers[: found.measured.size]
+        axes.plot(place[: run.size], run, "x", color="#D55E00", label=f"this run, {row.result.mode} mode")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("layer, from the bobbin outwards" if layered else "quantile (%)")
+    axes.set_ylabel("tension over T₀" if layered else "tension (cN)")
+    figure.legend(loc="outside upper left", ncols=2)
+    return figure
 
 
 @styled

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from models.winding.result import Kept
 from models.winding.scene import WindingScene
-from models.winding.solve import State
 from pipeline.atomic import whole_bytes
 from pipeline.errors import InputError
 from pipeline.winding.study import WindingCase
@@ -27,12 +27,12 @@ class FileCheckpoint:
         self._scene = hashlib.sha256(repr(scene).encode()).hexdigest()
         self._state = self._read() if path.exists() else None
 
-    def load(self) -> State | None:
+    def load(self) -> Kept | None:
         """The state that the file held when this was made; None where there was no file."""
         return self._state
 
-    def save(self, state: State) -> None:
-        """Replace the file's state.
+    def save(self, kept: Kept) -> None:
+        """Replace what the file holds.
 
         Raises
         ------
@@ -40,11 +40,11 @@ class FileCheckpoint:
             If it cannot be written.
         """
         buffer = io.BytesIO()
-        arrays: dict[str, Any] = {_SCENE: np.array(self._scene), **state}
+        arrays: dict[str, Any] = {_SCENE: np.array(self._scene), **kept}
         np.savez(buffer, **arrays)
         whole_bytes(self.path, buffer.getvalue())
 
-    def _read(self) -> State:
+    def _read(self) -> Kept:
         right = "give the file of an interrupted run, or a new one"
         try:
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:

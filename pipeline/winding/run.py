@@ -9,8 +9,8 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from models.winding.result import WindingResult
-from models.winding.solve import Checkpoint, wind
+from models.winding.result import Checkpoint, WindingResult
+from models.winding.solve import wind
 from pipeline.records import Array
 from pipeline.winding import metric
 from pipeline.winding.metric import Errors, Span

@@ -14,6 +14,7 @@ from models.winding.result import WindingOutcome
 from pipeline import store
 from pipeline.report import package_picture, winding_figures
 from pipeline.report import winding as page
+from pipeline.report import winding_tables as tables
 from pipeline.winding.findings import Verdict, findings, fineness, layers, rise
 from pipeline.winding.run import row, turns
 from pipeline.winding.sensitivity import sensitivities
@@ -91,7 +92,7 @@ def test_a_failed_run_keeps_its_row(study, tmp_path):
     page.write_winding(study, rows, tmp_path / "out")
     html = (tmp_path / "out/wind.html").read_text(encoding="utf-8")
     assert "Not completed: fine: the motion is no longer finite" in html
-    document = page.document(rows)
+    document = tables.document(rows)
     first = document["cases"][0]  # pyright: ignore[reportIndexIssue]
     assert first["outcome"] == "diverged"
     assert first["span"]["mean_cN"] is None
