@@ -202,8 +202,8 @@ def wind(
     calibrate: Annotated[
         Path | None,
         typer.Option(
-            help="Fit transverse stiffness and relaxation of the case to a tension log, or to a layer profile: a CSV "
-            "with the columns layer, T_over_T0.",
+            help="Fit the case to a layer profile (CSV: layer, T_over_T0; transverse stiffness, relaxation) or to a "
+            "tension log (modulus, friction of the guide).",
             metavar="LOG|PROFILE",
         ),
     ] = None,

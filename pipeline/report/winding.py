@@ -52,7 +52,7 @@ saying what it calls extreme: here, points within {1e3 * COLLISION:g} ms of a tu
 _CALIBRATION = {
     "layers": "Least squares of T/T₀ of the layers. u is linearised at the fit and takes the fast mode for right.",
     "span": "Least squares of the quantiles of the tension between guide and bobbin, because the log's phase against "
-    "the guide is not known. A span knows little of the yarn on the bobbin: mind u.",
+    "the guide is not known. A span knows little of the yarn on the bobbin: what it does not determine has no u.",
 }
 
 

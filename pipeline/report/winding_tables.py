@@ -133,7 +133,12 @@ def _calibration(fit: CalibratedStudy, row: Row) -> dict[str, object]:
 
 def _edge_units(found: Calibration) -> list[tuple[str, float, float, float]]:
     """Key, start, value and u of each parameter, as a winding file has them."""
-    keys = {"transverse_stiffness": ("transverse_stiffness_N_per_mm2", 1e-6), "relaxation": ("prony_weights[0]", 1.0)}
+    keys = {
+        "transverse_stiffness": ("transverse_stiffness_N_per_mm2", 1e-6),
+        "relaxation": ("prony_weights[0]", 1.0),
+        "axial_stiffness": ("modulus_N_per_tex", 1e-6 / found.scene.linear_density),
+        "guide_friction": ("guide_friction", 1.0),
+    }
     return [(key, unit * f.start, unit * f.value, unit * f.u) for f in found.fitted for key, unit in [keys[f.name]]]
 
 

@@ -67,6 +67,8 @@ def calibrated(study: WindingStudy, file: Path, profile: str) -> CalibratedStudy
         update={
             "transverse_stiffness_N_per_mm2": found.scene.transverse_stiffness * 1e-6,
             "prony_weights": found.scene.prony_weights,
+            "modulus_N_per_tex": found.scene.axial_stiffness / case.keys.tex,
+            "guide_friction": found.scene.guide_friction,
         }
     )
     fitted = replace(case, keys=keys, scene=replace(found.scene, mode=case.scene.mode))
