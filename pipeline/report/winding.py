@@ -23,7 +23,7 @@ from pipeline.report.notebook import heading_cell, to_html
 from pipeline.report.tables import to_json
 from pipeline.store import write_tree
 from pipeline.winding.calibration import CalibratedStudy
-from pipeline.winding.findings import Finding, findings
+from pipeline.winding.findings import DIFFERENCE, RISE, WEAK, Finding, findings
 from pipeline.winding.metric import COLLISION, EXTREME, SENSOR, SPACING
 from pipeline.winding.run import Row
 from pipeline.winding.sensitivity import LAYER_LIMIT, SPAN_LIMIT, Sensitivity, sensitivities
@@ -49,6 +49,10 @@ saying what it calls extreme: here, points within {1e3 * COLLISION:g} ms of a tu
 {EXTREME:g} robust standard deviations (1.4826 times the median absolute deviation) from the median of the run."""
 
 
+_FINDINGS = f"""\
+Each held against the runs below; nothing was tuned for it. A rise counts from {100 * RISE:g} % of the end tension over
+the run, and above twice its uncertainty; so does a higher mean from yarn to yarn. Inner loops count as weak from
+{WEAK:g} T₀ down, outer ones as strong from {DIFFERENCE:g} T₀ above them, by halves of the layers."""
 _CALIBRATION = {
     "layers": "Least squares of T/T₀ of the layers. u is linearised at the fit and takes the fast mode for right.",
     "span": "Least squares of the quantiles of the tension between guide and bobbin, because the log's phase against "
@@ -140,7 +144,7 @@ def _compose(
     page.heading(1, "title", study.title)
     page.heading(2, "summary", "Summary")
     page.html(tables.summary_html(study, rows, found))
-    page.heading(2, "findings", "The paper's findings", "Each held against the runs below; nothing was tuned for it.")
+    page.heading(2, "findings", "The paper's findings", _FINDINGS)
     page.html(tables.findings_html(found))
     if fit is not None:
         page.heading(2, "calibration", "Calibration", _CALIBRATION[fit.kind])

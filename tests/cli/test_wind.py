@@ -113,7 +113,7 @@ def test_a_log_in_the_file(small, tmp_path):
     assert (case.log.raw.tension.size, case.log.start) == (101, 0.5)
 
 
-@pytest.mark.parametrize("name", ["nine_cases", "sensitivity"])
+@pytest.mark.parametrize("name", ["nine_cases", "sensitivity", "sensitivity_reference"])
 def test_the_shipped_files_are_scenes_of_the_paper(name):
     study = load_winding(DATA / f"{name}.toml")
     for case in study.cases:
