@@ -23,7 +23,7 @@ from pipeline.report.notebook import heading_cell, to_html
 from pipeline.report.tables import to_json
 from pipeline.store import write_tree
 from pipeline.winding.calibration import CalibratedStudy
-from pipeline.winding.findings import DIFFERENCE, RISE, WEAK, Finding, findings
+from pipeline.winding.findings import DIFFERENCE, RISE, WEAK, Finding, findings, weak_inside
 from pipeline.winding.metric import COLLISION, EXTREME, SENSOR, SPACING
 from pipeline.winding.run import Row
 from pipeline.winding.sensitivity import LAYER_LIMIT, SPAN_LIMIT, Sensitivity, sensitivities
@@ -160,6 +160,9 @@ def _compose(
     page.heading(2, "package", "Figure 9: tension on the package")
     if drawn.result.snapshots:
         page.show(figures.package(drawn), "fig09_package")
+    weak = next((row for row in rows if row.variant and row.case.name == drawn.case.name and weak_inside(row)), None)
+    if weak is not None and not weak_inside(drawn):
+        page.show(figures.package(weak), "fig09_package_weak_inside")
     page.show(figures.layer_tension([row for row in base if row.layers.size]), "layers")
     page.html(tables.layers_html(base))
     page.heading(2, "frames", "The winding in frames")

@@ -155,7 +155,7 @@ def statements(rows: Sequence[Row], found: Sequence[Finding]) -> list[str]:
         worst = max(off, key=lambda name: abs(off[name]))
         said.append(
             f"The mean tension between guide and bobbin is within {abs(off[worst]):.1f}\u00a0% of the end tension in "
-            f"all {len(off)} cases (furthest: {worst}, {off[worst]:+.1f}\u00a0%)."
+            f"all {len(off)} cases (furthest: {worst})."
         )
     for against, group in groupby(sorted(base, key=lambda r: r.errors.reference), key=lambda r: r.errors.reference):
         means = [row.errors.mean_percent for row in group if row.errors.count]

@@ -15,6 +15,8 @@ from pipeline.winding.run import Row
 
 RISE = 0.02
 """Least change of the tension, in fractions of the end tension, that counts as a rise or as higher."""
+LAYERS = 4
+"""Fewest complete layers that have an inner and an outer half worth the name."""
 WEAK = 0.8
 """Largest T/T₀ of an inner half that counts as weak."""
 DIFFERENCE = 0.2
@@ -67,17 +69,19 @@ def rise(rows: Sequence[Row]) -> Finding:
 def layers(rows: Sequence[Row]) -> Finding:
     """Whether the inner loops are weak and the outer ones strong: mean T/T₀ of the inner and of the outer half."""
     claim = "Inner loops are weak, outer ones strong (Fig. 9)"
-    known = [row for row in rows if np.isfinite(row.layers).sum() >= 4]
-
-    def weak_inside(row: Row) -> bool:
-        inner, outer = halves(row)
-        return inner <= WEAK and outer - inner >= DIFFERENCE
+    known = [row for row in rows if np.isfinite(row.layers).sum() >= LAYERS]
 
     def said(several: Sequence[Row]) -> str:
         inner, outer = zip(*map(halves, several), strict=True)
         return f"inner half at {_range(inner, '.2f')} T₀, outer half at {_range(outer, '.2f')} T₀"
 
     return _verdict(claim, known, weak_inside, said)
+
+
+def weak_inside(row: Row) -> bool:
+    """Whether a run's inner layers are weak and its outer ones strong."""
+    inner, outer = halves(row)
+    return bool(np.isfinite(row.layers).sum() >= LAYERS and inner <= WEAK and outer - inner >= DIFFERENCE)
 
 
 def halves(row: Row) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 /                         study: title, source, notes, findings, provenance (attributes)
 /runs                     numbers of every run (run): span, errors, outcome; cN, percent
 /runs/run_<i>             time series of the span and of the guide (time), samples (sample), layers (layer); SI
-/runs/run_<i>/snapshot_<j>  the laid yarn of a case at one time (node); SI
+/runs/run_<i>/snapshot_<j>  the laid yarn at one time (node), of cases and of variants weak inside; SI
 /runs/run_<i>/energy      the reference mode's ledger (moment); SI
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from models.winding.result import EnergyLedger, Snapshot
-from pipeline.winding.findings import Finding
+from pipeline.winding.findings import Finding, weak_inside
 from pipeline.winding.run import Row
 from pipeline.winding.study import WindingStudy
 
@@ -108,7 +108,7 @@ def to_tree(
     for index, row in enumerate(rows):
         path = f"/runs/run_{index}"
         nodes[path] = _run(row)
-        if not row.variant:  # their packages are not drawn
+        if not row.variant or weak_inside(row):  # other packages are not drawn
             nodes |= {f"{path}/snapshot_{j}": _snapshot(shot) for j, shot in enumerate(row.result.snapshots)}
         if row.result.energy is not None:
             nodes[f"{path}/energy"] = _energy(row.result.energy)
