@@ -143,7 +143,7 @@ def _verdict(
         return Finding(claim, Verdict.REPRODUCED, f"in all {len(base)} cases: {said(base)}.")
     if not held:
         return Finding(claim, Verdict.NOT_REPRODUCED, f"in any of {len(base)} cases: {said(base)}.")
-    where = "; ".join(f"{row.name} ({said([row])})" for row in held)
+    where = "; ".join(f"{row.name}, {row.result.mode} mode ({said([row])})" for row in held)
     return Finding(claim, Verdict.ONLY_IF, f"{where}. Not in {len(rest)} of {len(base)} cases: {said(rest)}.")
 
 

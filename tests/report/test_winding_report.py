@@ -47,7 +47,7 @@ def test_weak_inside_and_strong_outside(study):
     assert layers(even).verdict is Verdict.NOT_REPRODUCED
     mixed = layers([*even[:2], weak[2], even[3]])
     assert mixed.verdict is Verdict.ONLY_IF
-    assert "transverse_stiffness_N_per_mm2 = 0.4 (inner half at 0.55 T₀, outer half at 1.05 T₀)" in mixed.why
+    assert "transverse_stiffness_N_per_mm2 = 0.4, fast mode (inner half at 0.55 T₀, outer half at 1.05 T₀)" in mixed.why
     few = winding_study.made_up(study, layers=(0.2, 1.0, 1.2))
     assert layers(few).verdict is Verdict.NOT_ASKED
 
