@@ -99,7 +99,8 @@ def run_winding(
         try:
             for done in as_completed(running):
                 done.result()
-        except BaseException:
+        except BaseException:  # Ctrl-C too: runs of minutes must not be waited for
+            tracker.stop()
             pool.shutdown(cancel_futures=True)
             raise
     results = {index: done.result() for done, index in running.items()}
@@ -148,6 +149,10 @@ def failed(rows: Sequence[Row]) -> list[str]:
     return [f"{r.name}: {r.result.outcome.name.lower()}: {r.result.message}" for r in rows if not r.ok]
 
 
+class _Stopped(Exception):
+    """Ends a run whose neighbour has failed or been interrupted."""
+
+
 class _Tracker:
     """Adds up what parallel runs say of themselves."""
 
@@ -156,13 +161,18 @@ class _Tracker:
         self._report = report
         self._start = time.monotonic()
         self._lock = Lock()
+        self._stopped = False
 
-    def of(self, index: int) -> Callable[[float], None] | None:
-        """The progress callback of one run; None where nobody listens."""
-        if self._report is None:
-            return None
+    def stop(self) -> None:
+        """Let every run end when it next tells its progress."""
+        self._stopped = True
+
+    def of(self, index: int) -> Callable[[float], None]:
+        """The progress callback of one run."""
 
         def told(share: float) -> None:
+            if self._stopped:
+                raise _Stopped
             with self._lock:
                 self._shares[index] = share
                 total = float(self._shares.mean())

@@ -228,6 +228,24 @@ def test_a_checkpoint_goes_on_only_with_its_own_scene(small, tmp_path):
         FileCheckpoint(path, fine.scene)
 
 
+def test_each_run_gets_its_own_checkpoint_and_ends_when_another_fails(small, tmp_path, monkeypatch):
+    study = load_winding(small)
+    kept = checkpoints(tmp_path / "state.npz", study.cases)
+    given = {}
+
+    def wind(scene, *, progress, checkpoint):
+        given[scene.linear_density, scene.transverse_stiffness] = checkpoint
+        if len(given) == 2:
+            raise InputError("state.npz", "the disk is full", "make room")
+        while True:  # a long run: it ends only by being stopped
+            progress(0.5)
+
+    monkeypatch.setattr("pipeline.winding.run.wind", wind)
+    with pytest.raises(InputError, match="the disk is full"):
+        run_winding(study, checkpoints=kept)
+    assert {checkpoint.path for checkpoint in given.values()} == {kept[case.label].path for case in study.cases[:2]}
+
+
 def test_every_case_has_its_own_checkpoint(small, tmp_path):
     cases = load_winding(small).cases
     kept = checkpoints(tmp_path / "state.npz", cases)
