@@ -20,10 +20,7 @@ TRUE_STIFFNESS, TRUE_RELAXATION = 1e6, 0.3
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    text = winding_study.SMALL.replace("duration_s = 0.4", "duration_s = 0.6").replace(
-        "element_mm = 4", "element_mm = 8"
-    )
-    return winding_study.write(tmp_path, text)
+    return winding_study.write(tmp_path, winding_study.SMALL.replace("duration_s = 0.4", "duration_s = 0.6"))
 
 
 @pytest.fixture
