@@ -25,13 +25,31 @@ def whole_file(path: Path) -> Iterator[TextIO]:
     InputError
         If the folder is missing or not writable.
     """
+    with _replacing(path) as handle, os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+        yield file
+
+
+def whole_bytes(path: Path, content: bytes) -> None:
+    """Write a binary file that takes the place of `path` only when all of it is written.
+
+    Raises
+    ------
+    InputError
+        If the folder is missing or not writable.
+    """
+    with _replacing(path) as handle, os.fdopen(handle, "wb") as file:
+        file.write(content)
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[int]:
+    """Descriptor of a new file, for the block to write and close, that takes the place of `path` if it ends well."""
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror})", "give a path in a writable folder") from None
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            yield file
+        yield handle
         os.chmod(name, 0o644)  # mkstemp makes files private; results are for sharing
         os.replace(name, path)
     except BaseException:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from pipeline.errors import InputError, YarnvalError, nearest
+from pipeline.errors import InputError, YarnvalError, nearest, refuse_unknown
 
 if TYPE_CHECKING:
     from pipeline.records import Quantity
@@ -194,6 +194,66 @@ def sweep(
     return 1 if failed else 0
 
 
+@app.command(epilog="Example: yarnval wind data_samples/winding/nine_cases.toml --case '131.2 tex, 1000 r/min'")
+def wind(
+    scene: Annotated[Path, typer.Argument(help="SCENE.toml: one winding case or many.", metavar="SCENE.toml")],
+    mode: Annotated[
+        str | None, typer.Option(help="fast, reference or auto, for all cases [default: the file's].")
+    ] = None,
+    case: Annotated[str | None, typer.Option(help="Wind this case only, with its variants.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder that gets the scene's folder.")] = Path("reports"),
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="Keep the state of reference runs here, and go on from it.", metavar="FILE")
+    ] = None,
+    log: Annotated[
+        list[str] | None, typer.Option(help="Measured tension: CASE=FILE, or FILE if there is one case.")
+    ] = None,
+    calibrate: Annotated[
+        Path | None,
+        typer.Option(
+            help="Fit the case to a layer profile (CSV: layer, T_over_T0; transverse stiffness, relaxation) or to a "
+            "tension log (modulus, friction of the guide).",
+            metavar="LOG|PROFILE",
+        ),
+    ] = None,
+    profile: Annotated[str, typer.Option(help="Layout of the logs: a packaged name or a TOML file.")] = "plain-csv",
+    as_json: Json = False,
+) -> int:
+    """Wind yarn onto a bobbin: tension in time, on the package and by layer, beside the paper's findings.
+
+    Exit 1 if a run was not completed; its row stays in the tables with the reason.
+    """
+    from pipeline.atomic import refuse_strangers
+    from pipeline.report.winding import CONTENTS, write_winding
+    from pipeline.report.winding_tables import document
+    from pipeline.winding.calibration import calibrated
+    from pipeline.winding.checkpoint import checkpoints
+    from pipeline.winding.run import failed, run_winding
+    from pipeline.winding.study import load_winding, with_logs
+
+    if mode is not None:
+        refuse_unknown("--mode", "mode", mode, ["fast", "reference", "auto"])
+    given = with_logs(load_winding(scene, only=case, mode=mode), log or [], profile)
+    folder = out / given.name
+    refuse_strangers(folder, CONTENTS.__contains__, "a winding report")  # before minutes of work, not after
+    fit = None
+    if calibrate:
+        with _status(f"calibrating {given.name} on the fast mode"):
+            fit = calibrated(given, calibrate, profile)
+        given = fit.study
+    kept = checkpoints(checkpoint, given.cases) if checkpoint else {}
+    with _status(f"winding {given.name}") as shown:
+        rows = run_winding(given, progress=_share_told(shown, f"winding {given.name}"), checkpoints=kept)
+        write_winding(given, rows, folder, fit)
+    if as_json:
+        _print_json(document(rows, fit))
+    else:
+        print(folder / "wind.html")
+    for line in failed(rows):
+        print(f"{scene}: {line}", file=sys.stderr)
+    return 1 if failed(rows) else 0
+
+
 @app.command(
     epilog="Example: yarnval measure data_samples/rig/case1/yarn.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )
@@ -371,6 +431,13 @@ class _Bar:
 
     def __exit__(self, *_: object) -> None:
         self._progress.stop()
+
+
+def _share_told(shown: Any, text: str) -> Callable[[float, float], None] | None:
+    """Show the share of the work done and the time left; None where nothing is shown."""
+    if shown is None:
+        return None
+    return lambda share, left: shown.update(f"{text}: {share:.0%}, about {left:.0f} s left")
 
 
 class _Quiet:

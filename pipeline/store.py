@@ -87,8 +87,8 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
     tree.to_netcdf(path, engine="netcdf4")
 
 
-def read_tree(path: str | Path) -> xr.DataTree:
-    """Read a tree that `write_tree` wrote, whole, into memory.
+def read_tree(path: str | Path, expected: str = FORMAT) -> xr.DataTree:
+    """Read a tree that `write_tree` wrote, whole, into memory; `expected` is its `format` attribute.
 
     Raises
     ------
@@ -102,8 +102,8 @@ def read_tree(path: str | Path) -> xr.DataTree:
             tree = lazy.load()
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise InputError(path, "truncated or not a NetCDF 4 file", "make it again with `yarnval report`") from error
-    if tree.attrs.get("format") != FORMAT:
-        raise InputError(path, f"format {tree.attrs.get('format')!r}", f"{FORMAT!r}, as `yarnval report` writes it")
+    if tree.attrs.get("format") != expected:
+        raise InputError(path, f"format {tree.attrs.get('format')!r}", f"{expected!r}, as yarnval writes it, is needed")
     return tree
 
 

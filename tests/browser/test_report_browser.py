@@ -11,8 +11,10 @@ from typing import Any
 
 import pytest
 import report_study
+import winding_study
 
 from pipeline.report.sweep import write_sweep
+from pipeline.report.winding import write_winding
 from pipeline.report.write import write_report
 from pipeline.sweep import load_sweep, run_sweep
 
@@ -117,6 +119,23 @@ def test_the_page_of_a_sweep_stands_in_a_browser(sweep_page, tmp_path, width):
     assert len(found["figures"]) == 9  # Figs 6 to 12, the paths of Fig. 7, the quoted numbers
     if width == 400:
         assert found["scrolls"] >= 3
+
+
+@pytest.fixture(scope="module")
+def winding_page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("browser")
+    study = winding_study.small(folder)
+    write_winding(study, winding_study.made_up(study, layers=(0.5, 0.6, 1.0, 1.1)), folder / "small")
+    return folder / "small/wind.html"
+
+
+@pytest.mark.parametrize("width", [1280, 400])
+def test_the_page_of_a_winding_stands_in_a_browser(winding_page, tmp_path, width):
+    found = found_in(winding_page, tmp_path, width)
+    assert len(found["figures"]) == 6  # Figs 7 to 9, layers, frames, one parameter
+    assert found["shots"]  # the packages are pixels inside the drawings
+    if width == 400:
+        assert found["scrolls"] >= 4
 
 
 def test_the_probe_notices_a_console_message_and_a_wide_page(tmp_path):
