@@ -210,7 +210,7 @@ def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
                     axes.plot(r["time"], 100 * r["span"], style, lw=0.6, label=mode)
             axes.axhline(100 * TENSION[tex], color="k", lw=0.6)
             axes.set_title(f"{tex:g} tex, {rpm} r/min", fontsize=9)
-    grid[0, 0].legend(fontsize=8)
+    grid[-1, -1].legend(fontsize=8)  # the case that is run first in both modes
     figure.supxlabel("time (s)")
     figure.supylabel("tension between guide and bobbin (cN); black: T₀")
     figure.savefig(folder / "span_tension.svg", metadata=metadata)
