@@ -15,7 +15,7 @@ check: .venv/installed
 	$(BIN)/yarnval check
 
 bench: .venv/installed
-	$(BIN)/python benchmarks/work_precision.py
+	$(BIN)/yarnval bench
 
 lint: .venv/installed
 	$(BIN)/ruff check .

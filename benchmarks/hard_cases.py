@@ -2,8 +2,8 @@
 
     python benchmarks/hard_cases.py [COUNT] [FOLDER]      (default: 10000 scenes, reports)
 
-writes hard_cases.csv (outcomes by model, and what the check found) and hard_cases.png (the map). Scenes: numpy's
-default generator with seed 20260; p₃, r₀, d, K and l_AB/l_CD log-uniform, all else uniform, in the ranges of `RANGES`.
+writes hard_cases.csv (outcomes by model, and what the check found) and hard_cases.png (the map). Scenes: those
+of `pipeline.bench.random_scenes`.
 
 The check shares no code with models/: it reads a solution's profile and ends. Flexible: scipy's DOP853 integrates the
 equations from one end to the other. Rods: θ is taken from the profile, p₃ and twist are integrated from B by DOP853,
@@ -35,42 +35,13 @@ from threadpoolctl import threadpool_limits
 from models.outcome import Outcome, Solution
 from models.scene import Dimensionless, Scene
 from models.solve import MODELS
+from pipeline.bench import random_scenes
 
-SEED = 20260
-RANGES = {
-    "wrap_angle": (math.radians(2), math.radians(360)),
-    "friction": (0, 1.5),
-    "cylinder_speed_ratio": (-2, 10),
-    "twist_trapping": (0, 1.2),
-    "twist_congestion": (0, 1.5),
-    "span_ratio": (0.1, 10),
-    "twist_CD": (-1500, 1500),
-    "tension_CD": (0.5e-2, 300e-2),
-    "cylinder_radius": (0.5e-3, 30e-3),
-    "yarn_radius": (0.025e-3, 0.5e-3),
-    "torsional_rigidity": (1e-10, 1e-7),
-}
-LOG_UNIFORM = {"span_ratio", "tension_CD", "cylinder_radius", "yarn_radius", "torsional_rigidity"}
 CHECKED = ("flexible", "cosserat", "kirchhoff")
 LARGEST_ERROR = {"flexible": 1e-6, "cosserat": 1e-3, "kirchhoff": 1e-3}
 """What the check accepts. Rods may state an error of 1e-4 of their ends; their residual is of the same order."""
 BVP_EVERY = 20
 BVP_TOLERANCE = 1e-6
-
-
-def random_scenes(count: int, seed: int = SEED) -> list[Scene]:
-    """The first `count` scenes of the set."""
-    parts = np.random.default_rng(seed).random((count, len(RANGES)))
-    return [
-        Scene(
-            delivery_speed=0.2,
-            **{
-                name: low * (high / low) ** part if name in LOG_UNIFORM else low + (high - low) * part
-                for (name, (low, high)), part in zip(RANGES.items(), row, strict=True)
-            },
-        )
-        for row in parts
-    ]
 
 
 def feedback(d: Dimensionless) -> float:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from models.boundary_value import COMPLEX_STEP
 from models.compiled import compiled, implement, inner
 from models.discretisation import chebyshev_collocation, chebyshev_integration, interpolation, resample
-from models.friction import end_conditions, friction_direction
+from models.friction import end_conditions, friction_direction, friction_slopes
 from models.newton import CONVERGED, assign, jacobian, largest, newton, residual
 from models.outcome import Outcome, Solution
 from models.refinement import (
@@ -136,20 +136,23 @@ def fill_residual(problem: Flexible, x: Array, value: Array) -> None:
 
 
 def fill_jacobian(problem: Flexible, x: Array, matrix: Array) -> None:
-    """∂F/∂x: complex steps at each node, chained with the quadratures."""
+    """∂F/∂x: the slopes of `flow` at each node, chained with the quadratures."""
     scene, integration = problem.scene, problem.integration
     size, step = x.shape[0] - 1, 1j * COMPLEX_STEP
     q, w = x[:-1], x[-1]
     excess, log_p, turn, tau = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     quadratures(problem, q, w, excess, log_p, turn, tau)
     by_q, by_w = np.empty((3, size)), np.empty((3, size))
+    mu, couple = scene[FRICTION], scene[FRICTION] * scene[YARN_RADIUS] * scene[TENSION_CD]
     for j in range(size):
-        moved_q, moved_w = flow(scene, q[j] + step, w + 0j), flow(scene, q[j] + 0j, w + step)
-        for k in range(3):
-            by_q[k, j], by_w[k, j] = moved_q[k].imag / COMPLEX_STEP, moved_w[k].imag / COMPLEX_STEP
-        tension = np.exp(log_p[j])
-        by_q[2, j] *= tension
-        by_w[2, j] *= tension
+        sine, cosine = direction(q[j])
+        cos_alpha, sin_alpha, alpha_q, alpha_w = friction_slopes(scene, sine, cosine, w)
+        pull = couple * sine * np.exp(log_p[j])
+        by_q[0, j], by_w[0, j] = -mu * sin_alpha * alpha_q, -mu * sin_alpha * alpha_w
+        by_q[1, j] = mu * sine * (cos_alpha * alpha_q + sin_alpha * cosine)
+        by_w[1, j] = mu * sine * cos_alpha * alpha_w
+        by_q[2, j] = pull * (cos_alpha * cosine - sin_alpha * alpha_q)
+        by_w[2, j] = -pull * sin_alpha * alpha_w
     matrix.fill(0.0)
     for i in range(size - 1):
         matrix[i, i] = 1.0

@@ -32,6 +32,19 @@ def friction_direction(scene: Values, sine: Any, cosine: Any, w: Any) -> tuple[A
 
 
 @inner
+def friction_slopes(scene: Values, sine: float, cosine: float, w: float) -> tuple[float, float, float, float]:
+    """Cos α and sin α, and α's derivatives by q = ln tan(θ/2) and by w; real arguments."""
+    speed, spin = scene[CYLINDER_SPEED], 2 * np.pi * scene[YARN_RADIUS]
+    across = speed * sine + spin * (w - scene[TWIST_CD])
+    along = speed * cosine + 1.0
+    slip2 = across * across + along * along
+    inverse = 1 / np.sqrt(slip2)
+    # d sinθ/dq = sinθ cosθ and d cosθ/dq = −sin²θ in α = atan2(along, across).
+    by_q = -speed * sine * (across * sine + along * cosine) / slip2
+    return across * inverse, along * inverse, by_q, -along * spin / slip2
+
+
+@inner
 def end_conditions(scene: Values, ends: tuple[Any, ...], tau_B: Any, tau_C: Any, w: Any, out: Values) -> None:
     """Three boundary conditions that all models share (paper, Eqs 15, 16 and 19): out[0], out[2] and out[3].
 

@@ -4,7 +4,7 @@ import json
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -252,6 +252,42 @@ def wind(
     for line in failed(rows):
         print(f"{scene}: {line}", file=sys.stderr)
     return 1 if failed(rows) else 0
+
+
+@app.command(epilog="Example: yarnval bench --out reports --scenes 200")
+def bench(
+    out: Annotated[Path, typer.Option(help="Folder for the tables and the figure.")] = Path("reports"),
+    scenes: Annotated[int, typer.Option(min=1, help="Random scenes for the panel of failures.")] = 200,
+    rows: Annotated[int, typer.Option(min=1, help="Rows of the table that is timed.")] = 10_000,
+    as_json: Json = False,
+) -> int:
+    """Work and precision, failures and throughput of the models beside scipy's solvers; takes about a minute."""
+    from pipeline.atomic import whole_file
+    from pipeline.bench import as_csv, fates, throughput, work_precision
+    from pipeline.report.bench_figures import bench_figure, svg
+
+    with _status("timing single solves"):
+        costs = work_precision()
+    with _status(f"solving {scenes} random scenes"):
+        ends = fates(scenes)
+    with _status(f"solving tables of {rows} rows"):
+        rates = throughput(rows)
+    tables = {"work_precision.csv": as_csv(costs), "fates.csv": as_csv(ends), "throughput.csv": as_csv(rates)}
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in {**tables, "work_precision.svg": svg(bench_figure(costs, ends))}.items():
+        with whole_file(out / name) as file:
+            file.write(text)
+    if as_json:
+        _print_json(
+            {
+                "costs": [asdict(c) for c in costs],
+                "fates": [asdict(f) for f in ends],
+                "rates": [asdict(r) for r in rates],
+            }
+        )
+    else:
+        print("\n".join(tables.values()))
+    return 0
 
 
 @app.command(

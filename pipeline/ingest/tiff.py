@@ -19,6 +19,7 @@ logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 MIN_IS_BLACK, RGB = 1, 2
 UNCOMPRESSED = 1
+UNSIGNED = 1
 MAX_COMPRESSION = 4096
 """Above what deflate (1032) and LZW (2730, a string of 4096 bytes in 12 bits) can reach."""
 ORIENTATION = 274
@@ -82,6 +83,8 @@ class TiffFrames:
             raise InputError(where, f"pixels {page.axes}, photometric {page.photometric}", "export in gray, 0 = black")
         if page.bitspersample not in (8, 16):
             raise InputError(where, f"{page.bitspersample} bits per sample", "export with 8 or 16 bits per sample")
+        if page.sampleformat != UNSIGNED:
+            raise InputError(where, f"pixels of type {page.dtype}", "export with 8 or 16 bits per sample, unsigned")
         check_size(page.imagelength, page.imagewidth, where)
         size = self._file.filehandle.size
         shift = skipped * page.nbytes

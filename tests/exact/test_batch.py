@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hard_cases import random_scenes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import scene, table_1
@@ -13,6 +12,7 @@ from models.batch import Batch, solve_many
 from models.outcome import Outcome
 from models.scene import Scene
 from models.solve import MODELS
+from pipeline.bench import random_scenes
 
 TABLE_1 = [table_1(case) for case in (1, 2, 3)]
 

@@ -5,12 +5,13 @@ from collections import Counter
 from dataclasses import replace
 
 import pytest
-from hard_cases import LARGEST_ERROR, check, random_scenes
+from hard_cases import LARGEST_ERROR, check
 from scenes import scene
 
 from models.cosserat import solve_cosserat
 from models.outcome import Outcome
 from models.solve import MODELS
+from pipeline.bench import random_scenes
 
 SCENES = 40
 

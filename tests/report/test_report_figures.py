@@ -122,10 +122,11 @@ def test_a_long_log_makes_a_small_drawing(results):
 
 def test_clip_series_plot_each_frame_and_say_what_is_not_credible(tree, results):
     clip = results.measured[1].yarn[0]
-    angle, angles, twist, _, diameter, _ = figures.clip_series(tree, "raw-1", 0).axes
+    angle, angles, twist, _, diameter, _, hairs, *_ = figures.clip_series(tree, "raw-1", 0).axes
     np.testing.assert_array_equal(angle.get_lines()[0].get_ydata(), np.degrees(clip.theta))
     np.testing.assert_array_equal(twist.get_lines()[0].get_ydata(), clip.twist)
     np.testing.assert_array_equal(diameter.get_lines()[0].get_ydata(), clip.diameter * 1e3)
+    np.testing.assert_array_equal(hairs.get_lines()[0].get_ydata(), clip.hairiness * 1e-3)
     assert sum(bar.get_width() for bar in angles.patches) == 39
     blind = figures.clip_series(tree, "raw-1", 1)
     assert [text.get_text() for text in blind.axes[2].texts] == ["not credible"]

@@ -1,0 +1,303 @@
+"""What a digit costs and how often a solve fails: each model beside scipy's solvers, in one run.
+
+Warm, one thread, medians. Errors are of p₃AB at the paper's base scene (section 3), against the same model's converged
+solution. The peers solve the flexible yarn: `solve_bvp` (adaptive collocation of fourth order) from the circle at
+constant tension, and shooting (DOP853 from C to B, `root` in θ_C and n₁).
+"""
+
+import csv
+import io
+import math
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import root
+
+from models import capstan, cosserat, flexible, kirchhoff
+from models.batch import solve_many
+from models.cosserat_fd import solve_cosserat_fd
+from models.discretisation import chebyshev_integration, chebyshev_reference
+from models.outcome import Outcome
+from models.scene import Dimensionless, Scene
+from models.slow_manifold import Rod, collocation_matrices
+from models.solve import MODELS, ROWS
+from pipeline.threads import one_thread
+
+BASE = Scene(
+    wrap_angle=math.radians(60),
+    cylinder_radius=1.0,
+    yarn_radius=0.03,
+    friction=0.8,
+    twist_CD=1.0,
+    tension_CD=600.0,
+    torsional_rigidity=1.0,
+    delivery_speed=1.0,
+    cylinder_speed_ratio=1.0,
+)
+RANGES = {
+    "wrap_angle": (math.radians(2), math.radians(360)),
+    "friction": (0, 1.5),
+    "cylinder_speed_ratio": (-2, 10),
+    "twist_trapping": (0, 1.2),
+    "twist_congestion": (0, 1.5),
+    "span_ratio": (0.1, 10),
+    "twist_CD": (-1500, 1500),
+    "tension_CD": (0.5e-2, 300e-2),
+    "cylinder_radius": (0.5e-3, 30e-3),
+    "yarn_radius": (0.025e-3, 0.5e-3),
+    "torsional_rigidity": (1e-10, 1e-7),
+}
+"""Far beyond practice."""
+LOG_UNIFORM = {"span_ratio", "tension_CD", "cylinder_radius", "yarn_radius", "torsional_rigidity"}
+SEED = 20260
+SECONDS = 0.2
+"""Spent on timing one setting."""
+UNEXPLAINED = (Outcome.NOT_CONVERGED, Outcome.SINGULAR)
+BVP, SHOOTING = "flexible by solve_bvp", "flexible by shooting"
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """One method at one setting."""
+
+    method: str
+    setting: str
+    nodes: int
+    relative_error_p3_AB: float
+    seconds_per_solve: float
+
+
+@dataclass(frozen=True, slots=True)
+class Fate:
+    """How the random scenes ended, as shares of their number."""
+
+    method: str
+    scenes: int
+    solved: float
+    explained: float
+    """No solution, with the reason: fold, sticking, lift-off, no scale separation."""
+    unexplained: float
+
+
+@dataclass(frozen=True, slots=True)
+class Throughput:
+    """Scenes per second of a batch on all cores, and of a whole `yarnval predict` with its start."""
+
+    model: str
+    scenes: int
+    scenes_per_second: float
+    table_wall_s: float
+
+
+def random_scenes(count: int, seed: int = SEED) -> list[Scene]:
+    """The first `count` scenes of a set that is uniform in RANGES, or log-uniform; numpy's default generator."""
+    parts = np.random.default_rng(seed).random((count, len(RANGES)))
+    return [
+        Scene(
+            delivery_speed=0.2,
+            **{
+                name: low * (high / low) ** part if name in LOG_UNIFORM else low + (high - low) * part
+                for (name, (low, high)), part in zip(RANGES.items(), row, strict=True)
+            },
+        )
+        for row in parts
+    ]
+
+
+def work_precision() -> list[Cost]:
+    """Every method at rising accuracy."""
+    with one_thread():
+        return [*_flexible(), *_rod(cosserat.ROD), *_rod(kirchhoff.ROD), *_differences(), *_solve_bvp(), *_shooting()]
+
+
+def _timed(work: Callable[[], float]) -> tuple[float, float]:
+    """The result and the median time [s] after one warm-up."""
+    result = work()
+    seconds: list[float] = []
+    while sum(seconds) < SECONDS or len(seconds) < 3:
+        begin = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - begin)
+    return result, statistics.median(seconds)
+
+
+def _flexible() -> Iterator[Cost]:
+    vector, matrices = BASE.dimensionless().vector, flexible.integration_matrices()
+    exact = flexible.find(vector, matrices).ends[0]
+    for degree in (4, 6, 8, 12, 16):
+        same = (chebyshev_integration(degree),) * len(matrices)  # settles at the second, which checks the first
+        tension, seconds = _timed(lambda same=same: flexible.find(vector, same).ends[0])
+        yield Cost(flexible.NAME, f"degree {degree}", degree + 1, abs(tension / exact - 1), seconds)
+    found, seconds = _timed(lambda: flexible.find(vector, matrices).size)
+    yield Cost(flexible.NAME, "own choice of degree", 17, max(found, np.finfo(float).eps), seconds)
+    tension, seconds = _timed(lambda: capstan.find(vector).ends[0])
+    yield Cost(capstan.NAME, "closed form", 1, abs(tension / exact - 1), seconds)
+
+
+def _rod(rod: Rod) -> Iterator[Cost]:
+    vector, integration, matrices = BASE.dimensionless().vector, flexible.integration_matrices(), collocation_matrices()
+    exact = rod.find(vector, integration, matrices).ends[0]
+    for degree in (4, 6, 8, 10, 12):
+        reference = chebyshev_reference(degree)
+        same = (reference[2],) * len(matrices[0]), (reference[3],) * len(matrices[0])
+        tension, seconds = _timed(lambda same=same: rod.find(vector, integration, same).ends[0])
+        yield Cost(rod.name, f"degree {degree}", degree + 1, abs(tension / exact - 1), seconds)
+    found, seconds = _timed(lambda: rod.find(vector, integration, matrices).size)
+    yield Cost(rod.name, "own choice of degree", 15, found, seconds)
+
+
+def _differences() -> Iterator[Cost]:
+    exact = cosserat.solve_cosserat(BASE, profile=False).require().ends.tension_AB
+    for intervals in (10, 20, 40, 80):
+        tension, seconds = _timed(lambda n=intervals: solve_cosserat_fd(BASE, n, profile=False).ends.tension_AB)
+        yield Cost("cosserat-fd", f"{intervals} intervals", intervals + 1, abs(tension / exact - 1), seconds)
+
+
+def bvp_solution(d: Dimensionless, tolerance: float, nodes: int = 5) -> tuple[bool, float, int]:
+    """The flexible yarn by scipy's solve_bvp in θ, p₃/p₃CD, τ: success, p₃AB and the number of nodes."""
+
+    def ends(b: np.ndarray, c: np.ndarray, p: np.ndarray) -> np.ndarray:
+        twist_B = (b[2] - math.sin(b[0]) * math.cos(b[0])) / (2 * math.pi)
+        geometry = d.span_ratio * math.cos(b[0]) + math.cos(c[0])
+        twist_C = c[2] - math.sin(c[0]) * math.cos(c[0]) - 2 * math.pi * d.twist_CD
+        return np.array([geometry, c[1] - 1, twist_C, p[0] - d.twist_rotation(twist_B)])
+
+    psi = np.linspace(0, d.wrap_angle, nodes)
+    start = np.array([np.full(nodes, math.pi / 2), np.ones(nodes), np.full(nodes, 2 * math.pi * d.twist_CD)])
+    rotation = [d.twist_rotation(d.twist_CD)]
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # a diverging iterate overflows; success says what became of it
+        found = solve_bvp(
+            lambda _, y, p: _slopes(d, y, p[0]), ends, psi, start, p=rotation, tol=tolerance, max_nodes=20_000
+        )
+    return bool(found.success), float(d.tension_CD * found.y[1, 0]), int(found.x.size)
+
+
+def _slopes(d: Dimensionless, y: np.ndarray, w: float) -> np.ndarray:
+    """θ', p₃' and τ', the equations of models/flexible.py in plain numpy."""
+    sine, cosine = np.sin(y[0]), np.cos(y[0])
+    spin = 2 * math.pi * d.yarn_radius * (w - d.twist_CD)
+    alpha = np.arctan2(d.cylinder_speed * cosine + 1, d.cylinder_speed * sine + spin)
+    across, pull = d.friction * np.cos(alpha) * sine, d.friction * np.sin(alpha) * sine * y[1]
+    return np.array([across, pull, -across * d.yarn_radius * d.tension_CD * y[1]])
+
+
+def _solve_bvp() -> Iterator[Cost]:
+    d, exact = BASE.dimensionless(), flexible.solve_flexible(BASE, profile=False).require().ends.tension_AB
+    for tolerance in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10):
+        tension, seconds = _timed(lambda tolerance=tolerance: bvp_solution(d, tolerance)[1])
+        nodes = bvp_solution(d, tolerance)[2]
+        yield Cost(BVP, f"tol {tolerance:g}", nodes, abs(tension / exact - 1), seconds)
+
+
+def _shooting() -> Iterator[Cost]:
+    d, exact = BASE.dimensionless(), flexible.solve_flexible(BASE, profile=False).require().ends.tension_AB
+
+    def solve(tolerance: float) -> float:
+        def at_B(theta_C: float, w: float) -> np.ndarray:
+            tau_C = 2 * math.pi * d.twist_CD + math.sin(theta_C) * math.cos(theta_C)
+            path = solve_ivp(
+                lambda _, y: _slopes(d, y, w), (d.wrap_angle, 0.0), [theta_C, 1.0, tau_C], method="DOP853",
+                rtol=tolerance, atol=tolerance,
+            )  # fmt: skip
+            return path.y[:, -1]
+
+        def gap(x: np.ndarray) -> list[float]:
+            theta, _, tau = at_B(x[0], x[1])
+            twist = (tau - math.sin(theta) * math.cos(theta)) / (2 * math.pi)
+            return [d.span_ratio * math.cos(theta) + math.cos(x[0]), x[1] - d.twist_rotation(twist)]
+
+        found = root(gap, [math.pi / 2, d.twist_rotation(d.twist_CD)], tol=tolerance)
+        return d.tension_CD * at_B(*found.x)[1]
+
+    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
+        tension, seconds = _timed(lambda tolerance=tolerance: solve(tolerance))
+        yield Cost(SHOOTING, f"tol {tolerance:g}", 0, abs(tension / exact - 1), seconds)
+
+
+def fates(count: int) -> list[Fate]:
+    """How the first `count` random scenes end with each model, and with solve_bvp from the same first guess."""
+    scenes = random_scenes(count)
+    found: list[Fate] = []
+    with one_thread():
+        for model in (flexible.NAME, cosserat.NAME, kirchhoff.NAME):
+            outcomes = Counter(MODELS[model](scene, profile=False).outcome for scene in scenes)
+            solved = sum(n for outcome, n in outcomes.items() if outcome.ok)
+            unexplained = sum(outcomes[outcome] for outcome in UNEXPLAINED)
+            explained = count - solved - unexplained
+            found.append(Fate(model, count, solved / count, explained / count, unexplained / count))
+        solved = sum(bvp_solution(scene.dimensionless(), 1e-6, 20)[0] for scene in scenes)
+        found.append(Fate(BVP, count, solved / count, 0.0, 1 - solved / count))
+    return found
+
+
+def throughput(count: int) -> list[Throughput]:
+    """Batches around the first published case, as for its uncertainty: in memory, and through the command."""
+    rng = np.random.default_rng(SEED)
+
+    def around(value: float, cv: float) -> np.ndarray:
+        return value * (1 + cv * rng.uniform(-2, 2, count))
+
+    inputs = {
+        "wrap_angle": around(math.radians(50), 0.05),
+        "cylinder_radius": np.full(count, 3e-3),
+        "yarn_radius": np.full(count, 8e-5),
+        "friction": around(0.81, 0.05),
+        "twist_CD": around(902, 0.15),
+        "tension_CD": around(0.1653, 0.05),
+        "torsional_rigidity": around(4.87e-9, 0.14),
+        "delivery_speed": np.full(count, 0.16),
+        "cylinder_speed_ratio": around(2, 0.05),
+    }
+    rows: list[Throughput] = []
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder) / "table.csv"
+        table.write_text(_as_table(inputs, count), encoding="utf-8")
+        for model in ROWS:
+            solve_many({name: values[:2] for name, values in inputs.items()}, model)
+            with one_thread():
+                begin = time.perf_counter()
+                solve_many(inputs, model)
+                rate = count / (time.perf_counter() - begin)
+            arguments = ["predict", str(table), "--model", model, "--out", str(Path(folder) / "out.csv")]
+            start = "import sys; from pipeline.cli import main; sys.exit(main())"
+            begin = time.perf_counter()
+            subprocess.run([sys.executable, "-c", start, *arguments], capture_output=True, check=True)
+            rows.append(Throughput(model, count, rate, time.perf_counter() - begin))
+    return rows
+
+
+def _as_table(inputs: dict[str, np.ndarray], count: int) -> str:
+    units = {
+        "phi_deg": ("wrap_angle", math.degrees(1)), "r0_mm": ("cylinder_radius", 1e3), "d_mm": ("yarn_radius", 2e3),
+        "mu": ("friction", 1), "T_CD_tpm": ("twist_CD", 1), "p3_CD_cN": ("tension_CD", 100),
+        "K_Nm2": ("torsional_rigidity", 1), "v_m_s": ("delivery_speed", 1), "vb_over_v": ("cylinder_speed_ratio", 1),
+    }  # fmt: skip
+    columns = [inputs[name] * unit for name, unit in units.values()]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["case", *units])
+    writer.writerows([i, *(float(column[i]) for column in columns)] for i in range(count))
+    return text.getvalue()
+
+
+def as_csv(rows: list[Cost] | list[Fate] | list[Throughput]) -> str:
+    """The rows as a table with the field names as its header."""
+    names = [field.name for field in fields(rows[0])]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    for row in rows:
+        values = [getattr(row, name) for name in names]
+        writer.writerow([f"{value:.4g}" if isinstance(value, float) else value for value in values])
+    return text.getvalue()
