@@ -11,7 +11,7 @@ from pipeline.bench import Cost, Fate
 
 def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
     """Three panels from the measured rows."""
-    figure, (precision, fate, nodes) = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained")
+    figure, (precision, fate, nodes) = plt.subplots(1, 3, figsize=(12, 4.8), layout="constrained")
     for method in dict.fromkeys(cost.method for cost in costs):
         rows = sorted((c for c in costs if c.method == method), key=lambda c: c.seconds_per_solve)
         times = [1e3 * c.seconds_per_solve for c in rows]
@@ -23,7 +23,7 @@ def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
         else:
             nodes.plot([], [])  # keeps a method's colour the same in both panels
     precision.set(xlabel="time per solve (ms)", ylabel="relative error of p₃AB", title="Work and precision")
-    precision.legend(fontsize="small")
+    figure.legend(*precision.get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize="small")
     nodes.set(xlabel="nodes", ylabel="time per solve (ms)", title="Cost by nodes")
     names = [row.method for row in fates]
     left = [0.0] * len(fates)
@@ -33,7 +33,7 @@ def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
         left = [a + b for a, b in zip(left, widths, strict=True)]
     fate.invert_yaxis()
     fate.set(xlabel=f"% of {fates[0].scenes} random scenes", title="How they end")
-    fate.legend(loc="lower left", fontsize="small")
+    fate.legend(loc="upper center", bbox_to_anchor=(0.4, -0.14), ncols=3, fontsize="small")
     return figure
 
 

@@ -108,6 +108,41 @@ def _comparison_caption(q: Quantity, cases: list[str], models: list[str], data: 
     return text
 
 
+FRAME_TERM_MODELS = ("flexible", "kirchhoff", "cosserat")
+
+
+@styled
+def frame_term(tree: xr.DataTree) -> Figure:
+    """What bending and what the printed model's mixing of frames add to the flexible yarn, per case and quantity.
+
+    From `flexible` to `kirchhoff` is bending and torsion with consistent frames; from `kirchhoff` to `cosserat` the
+    frame term (B − K)τ², the only difference between the two rods.
+    """
+    cases, models = tables.cases(tree), tables.models(tree)
+    base, rod, printed = (models.index(model) for model in FRAME_TERM_MODELS)
+    figure = _figure(
+        tree,
+        "Difference from the flexible yarn in per cent of its value: by bending and torsion (the consistent rod), and "
+        "by the frame term that the printed model adds: it takes the material's twist for the torsion of the path.",
+        height=3.2,
+    )
+    place = np.arange(len(cases))
+    panels = figure.subplots(1, len(Quantity), squeeze=False).ravel()
+    for axes, q in zip(panels, Quantity, strict=True):
+        values = tree[f"comparison/{q}"].to_dataset()["S"].values
+        bending = 100 * (values[:, rod] / values[:, base] - 1)
+        frame = 100 * (values[:, printed] - values[:, rod]) / values[:, base]
+        axes.bar(place - 0.2, bending, 0.4, color=_look("kirchhoff")[0], label="bending and torsion")
+        axes.bar(place + 0.2, frame, 0.4, color=_look("cosserat")[0], label="frame term (B − K)τ²")
+        axes.axhline(0.0, color=MEASURED, linewidth=0.8)
+        axes.set_xticks(place, cases, rotation=30 if len(cases) <= 4 else 90)
+        axes.set_title(q.symbol)
+    panels[0].set_ylabel("change of the flexible value (%)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    return figure
+
+
 @styled
 def profiles(tree: xr.DataTree, case: str) -> Figure:
     """Tension, twist, angle and moments along the contact of one case, a line a model."""

@@ -17,7 +17,7 @@ from nbformat.notebooknode import NotebookNode
 from traitlets import default
 
 from pipeline.records import Quantity
-from pipeline.report import tables
+from pipeline.report import figures, tables
 
 _PAGES = Path(__file__).parent
 _FIGURE_13 = {
@@ -86,6 +86,13 @@ def build(tree: xr.DataTree) -> NotebookNode:
         2, "contact", "Along the contact",
         "What each model says happens to the yarn while it lies on the cylinder, and the path that it takes over it.",
     )  # fmt: skip
+    if set(figures.FRAME_TERM_MODELS) <= set(tables.models(tree)):
+        heading(
+            2, "frame-term", "What bending adds, and what the printed equations add",
+            "The consistent rod has the same stiffness as the printed one. What is left between the two is one term, "
+            "(B − K)κτ² in the balance of forces, which acts as extra tension.",
+        )  # fmt: skip
+        call('figures.show(figures.frame_term(tree), "frame_term")')
     names = _file_names(tables.cases(tree))
     for case, name in names.items():
         if any("theta" in node for node in tree[f"profiles/{case}"].children.values()):

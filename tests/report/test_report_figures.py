@@ -3,16 +3,21 @@
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import report_study
 from matplotlib.colors import to_hex
+from scenes import table_1
 
+from models.solve import MODELS
 from pipeline import store
+from pipeline.case import load_study
 from pipeline.records import Quantity
 from pipeline.report import figures
+from pipeline.run import evaluate
 
 
 def line(axes, label):
@@ -165,3 +170,17 @@ def test_svg_is_the_same_each_time_and_its_ids_are_its_own(tree):
     assert root.get("role") == "img"
     assert root.get("aria-label", "").startswith("raw-1: from B")
     assert "<text" in first
+
+
+def test_the_frame_term_is_what_is_left_between_the_two_rods():
+    yin2020 = Path(__file__).parents[2] / "data_samples" / "yin2020"
+    figure = figures.frame_term(store.to_tree(evaluate(load_study(yin2020))))
+    for axes, name in zip(figure.axes, ("tension_AB", "twist_AB", "theta_B"), strict=True):
+        heights = [patch.get_height() for patch in axes.patches]
+        for case in (1, 2, 3):
+            yarn, rod, printed = (getattr(MODELS[m](table_1(case)).ends, name) for m in figures.FRAME_TERM_MODELS)
+            assert heights[case - 1] == pytest.approx(100 * (rod / yarn - 1))
+            assert heights[case + 2] == pytest.approx(100 * (printed - rod) / yarn)
+    # Of the tension's drop in case 1 the frame term is all, and more.
+    assert figure.axes[0].patches[0].get_height() > 0
+    assert figure.axes[0].patches[3].get_height() < -15

@@ -45,7 +45,7 @@ def earlier(folder: Path) -> dict[str, bytes]:
 def test_the_folder_holds_the_contract(report):
     assert {p.name for p in report.iterdir()} == write.CONTENTS
     assert {p.stem for p in (report / "figures").glob("*.svg")} == {
-        "fig13a_tension", "fig13b_twist", "fig13c_theta", "error_against_speed",
+        "fig13a_tension", "fig13b_twist", "fig13c_theta", "frame_term", "error_against_speed",
         "profiles_published-1", "path_published-1", "profiles_raw-1", "path_raw-1",
         "tension_raw-1_0", "clip_raw-1_0", "frames_raw-1_0", "clip_raw-1_1", "frames_raw-1_1",
     }  # fmt: skip
@@ -131,7 +131,7 @@ def test_the_page_is_one_file_in_good_order(report):
     assert "script" not in page.tags
     assert "url(http" not in html
     assert "@import" not in html
-    assert page.tags["figure"] == 13
+    assert page.tags["figure"] == 14
     assert page.tags["table"] == 4
     assert page.headings[0] == 1
     assert page.headings.count(1) == 1
