@@ -266,6 +266,10 @@ def bench(
     from pipeline.bench import as_csv, fates, throughput, work_precision
     from pipeline.report.bench_figures import bench_figure, svg
 
+    try:
+        out.mkdir(parents=True, exist_ok=True)  # before minutes of work, not after
+    except OSError as error:
+        raise InputError(out, f"cannot be made ({error.strerror})", "give a folder that can be written to") from None
     with _status("timing single solves"):
         costs = work_precision()
     with _status(f"solving {scenes} random scenes"):
@@ -273,7 +277,6 @@ def bench(
     with _status(f"solving tables of {rows} rows"):
         rates = throughput(rows)
     tables = {"work_precision.csv": as_csv(costs), "fates.csv": as_csv(ends), "throughput.csv": as_csv(rates)}
-    out.mkdir(parents=True, exist_ok=True)
     for name, text in {**tables, "work_precision.svg": svg(bench_figure(costs, ends))}.items():
         with whole_file(out / name) as file:
             file.write(text)

@@ -40,6 +40,13 @@ def test_the_tables_and_the_figure_are_written(yarnval, tmp_path, quick) -> None
     assert (out / "work_precision.svg").read_text(encoding="utf-8").startswith("<?xml")
 
 
+def test_a_folder_that_cannot_be_made_is_refused_first(yarnval, tmp_path) -> None:
+    (tmp_path / "file").write_text("")
+    ran = yarnval("bench", "--out", tmp_path / "file" / "bench")
+    assert ran.code == 2
+    assert "cannot be made" in ran.line
+
+
 def test_the_figure_shows_the_shares() -> None:
     costs = [
         bench.Cost("a", "x", 5, 1e-3, 1e-4),
