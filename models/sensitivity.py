@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models import capstan, cosserat, flexible, kirchhoff, kirchhoff_spans, slow_manifold
+from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff, kirchhoff_spans, slow_manifold
 from models.boundary_value import COMPLEX_STEP, Array, Collocated, evaluated, parameter_slopes
 from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.outcome import Ends
@@ -28,8 +28,9 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     """Derivatives of the ends by field name of `Scene`, each in SI units of the end per SI unit of the input.
 
     `cosserat-fd` shares the equations of `cosserat`, and `capstan` is an approximation of `flexible`: the derivatives
-    are those of the latter. None where the model has no solution for the scene, or where the flexible yarn has several:
-    the plain search may then have found another one than was reported.
+    are those of the latter. Those of `auto` are those of `kirchhoff`, which stands for the truth there. None where the
+    model has no solution for the scene, or where the flexible yarn has several: the plain search may then have found
+    another one than was reported.
     """
     vector = scene.dimensionless().vector
     if feedback(vector) >= STRONG_FEEDBACK and len(find_roots(vector).w) > 1:
@@ -41,7 +42,7 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     if model in (flexible.NAME, capstan.NAME):
         found = flexible.find(vector, flexible.integration_matrices())
         return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
-    rod = kirchhoff.ROD if model == kirchhoff.NAME else cosserat.ROD
+    rod = cosserat.ROD if model in (cosserat.NAME, cosserat_fd.NAME) else kirchhoff.ROD
     found = rod.find(vector, flexible.integration_matrices(), slow_manifold.collocation_matrices())
     if not outcome(found, scene)[0].ok:
         return None

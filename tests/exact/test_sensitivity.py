@@ -60,3 +60,8 @@ def test_no_solution_no_derivative() -> None:
     slack = replace(table_1(1), wrap_angle=0.03, tension_CD=0.005)
     assert MODELS["cosserat"](slack).outcome.ok is False
     assert sensitivities(slack, "cosserat") is None
+
+
+def test_auto_has_the_derivatives_of_the_rod_that_it_stands_for() -> None:
+    assert sensitivities(table_1(1), "auto") == sensitivities(table_1(1), "kirchhoff")
+    assert sensitivities(table_1(1), "auto") != sensitivities(table_1(1), "cosserat")
