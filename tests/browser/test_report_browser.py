@@ -98,7 +98,7 @@ def found_in(page: Path, folder: Path, width: int) -> dict[str, Any]:
 @pytest.mark.parametrize("width", [1280, 400])
 def test_the_page_stands_in_a_browser(report, tmp_path, width):
     found = found_in(report / "report.html", tmp_path, width)
-    assert len(found["figures"]) == 13
+    assert len(found["figures"]) == 14
     assert len(found["shots"]) == 8
     assert all(size > 40 for size in found["shots"])
     if width == 400:
