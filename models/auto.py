@@ -4,9 +4,9 @@ The tiers, by cost: `capstan` (closed forms), `flexible` (no bending), `kirchhof
 the truth here). A tier's estimated error is its discretisation error plus what it leaves out:
 
 * capstan: it gives friction the direction that a yarn square to the cylinder axis would have, for which
-  `capstan.direction_error` gives a bound; it also leaves out bending, of the order B/(p₃r₀²).
+  `capstan.direction_error` gives an estimate; it also leaves out bending, of the order B/(p₃r₀²).
 * flexible: the first Newton correction of the rod's equations at the flexible solution, which is the effect of bending
-  and torsion up to its square, for a tenth of the rod's cost. It means nothing without scale separation; then the rod
+  and torsion up to its square, for one Jacobian. It means nothing without scale separation; then the rod
   is tried and says so.
 
 The printed model, `cosserat`, is never chosen: it costs what the consistent rod costs, and its frame term (B − K)τ²/p₃
@@ -25,6 +25,7 @@ from models.compiled import compiled
 from models.outcome import Solution
 from models.refinement import SETTLED, Refined
 from models.scene import BENDING_RIGIDITY, Scene
+from models.self_consistency import STRONG_FEEDBACK, feedback, find_roots
 from models.slow_manifold import CORRECTION_DEGREE, DEGREES, collocation_matrices, first_correction
 
 Array = NDArray[np.float64]
@@ -68,13 +69,15 @@ def solve_auto(
         estimates[tier] = float(np.max(errors[asked]))
         return estimates[tier] <= tolerance
 
+    # Of several solutions a plain search finds any; the rod's own solve takes the one that the yarn settles on.
+    alone = bool(feedback(vector) < STRONG_FEEDBACK) or len(find_roots(vector).w) == 1
     simple = capstan.find(vector)
-    if simple.ending == SETTLED:
+    if alone and simple.ending == SETTLED:
         bending = vector[BENDING_RIGIDITY] / float(simple.ends[0])
         if meets(capstan.NAME, capstan.direction_error(vector, simple) + bending):
             return _told(capstan.solve_capstan(scene, profile=profile), estimates, tolerance)
     yarn = flexible.find(vector, flexible.integration_matrices())
-    if yarn.ending == SETTLED:
+    if alone and yarn.ending == SETTLED:
         at_points = collocation_matrices()[0][DEGREES.index(CORRECTION_DEGREE)]
         if meets(flexible.NAME, bending_effect(vector, yarn, at_points) + yarn.size):
             return _told(flexible.solve_flexible(scene, profile=profile), estimates, tolerance)

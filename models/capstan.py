@@ -82,8 +82,8 @@ class ConstantFriction:
 
 
 @inner
-def closed_form(scene: Values, w: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
-    """cosα, sinα; θ and τ at B; ln(p₃B/p₃CD); θ and τ at C, for a trial n₁/v; analytic."""
+def closed_form(scene: Values, w: Any) -> tuple[Any, Any, Any, Any]:
+    """θ and τ at B, ln(p₃B/p₃CD) and θ at C, for a trial n₁/v; analytic."""
     cos_alpha, sin_alpha = friction_direction(scene, 1.0, 0.0, w)
     # With x = cosθ_C and t = tanh(μ cosα φ), the spans' geometry is a quadratic: t x² + (1 + l) x + l t = 0 for
     # l = l_AB/l_CD, since cosθ_B = (x + t)/(1 + x t) by the law for q = ln tan(θ/2).
@@ -102,13 +102,13 @@ def closed_form(scene: Values, w: Any) -> tuple[Any, Any, Any, Any, Any, Any, An
     # τ_B = τ_C + R₀ p₃CD cotα (1 − p₃B/p₃CD), which sinα = 0 takes to R₀ p₃CD (θ_C − θ_B).
     drop = theta_C - theta_B if abs(sin_alpha) < ALONG else cos_alpha / sin_alpha * (1 - np.exp(log_p))
     tau_B = tau_C + scene[YARN_RADIUS] * scene[TENSION_CD] * drop
-    return cos_alpha, sin_alpha, theta_B, tau_B, log_p, theta_C, tau_C
+    return theta_B, tau_B, log_p, theta_C
 
 
 @inner
 def mismatch(scene: Values, w: Any) -> Any:
-    """W − η (T_AB − k T_CD)."""
-    _, _, theta_B, tau_B, _, _, _ = closed_form(scene, w)
+    """How far a trial n₁/v is from η (T_AB − k T_CD)."""
+    theta_B, tau_B, _, _ = closed_form(scene, w)
     twist_AB = (tau_B - np.sin(theta_B) * np.cos(theta_B)) / (2 * np.pi)
     return w - scene[TWIST_CONGESTION] * (twist_AB - scene[TWIST_TRAPPING] * scene[TWIST_CD])
 
@@ -128,7 +128,7 @@ def search(scene: Array) -> Refined:
             status = CONVERGED
         elif not np.isfinite(step):
             break
-    _, _, theta_B, tau_B, log_p, theta_C, _ = closed_form(scene, w)
+    theta_B, tau_B, log_p, theta_C = closed_form(scene, w)
     tension = scene[TENSION_CD] * np.exp(log_p)
     at_B = np.array([tension, (tau_B - np.sin(theta_B) * np.cos(theta_B)) / (2 * np.pi), theta_B])
     normal_B, normal_C = tension * np.sin(theta_B) ** 2, scene[TENSION_CD] * np.sin(theta_C) ** 2
@@ -153,11 +153,11 @@ def find_rows(scenes: Array, table: Any) -> None:
 
 
 def direction_error(scene: Array, found: Refined) -> Array:
-    """Bound on the relative error of p₃AB, T_AB and θ_B by the constant friction direction, shape (3,).
+    """Estimated relative error of p₃AB, T_AB and θ_B by the constant friction direction, shape (3,).
 
     Over the wrap φ, cosα and sinα differ by up to Δc and Δs from those at θ = 90°. Then q' = μ cosα is off by μΔc and
-    (ln p₃)' = μ sinα sinθ by μ(Δs + Δc), and −τ' = μ cosα sinθ R₀p₃ by both; n₁ passes the error of T_AB on to α,
-    which the slope of the condition for n₁ says how much.
+    (ln p₃)' = μ sinα sinθ by μ(Δs + Δc), and −τ' = μ cosα sinθ R₀p₃ by both. Meant for weak feedback of the twist on
+    itself: what n₁ passes on to α is not counted.
     """
     theta_B = float(found.ends[2])
     square = np.array(_friction_direction(scene, np.pi / 2, found.w))

@@ -123,7 +123,11 @@ def follow(
         with folds and `End.REACHED` it reaches the target after turning forward again.
     """
     span = target - start
-    scaled: Family = lambda x, s: _scale(family(x, start + s * span), span)  # noqa: E731  λ from 0 to 1
+
+    def scaled(x: Array, s: float) -> tuple[Array, Array, Array]:
+        """The family with its parameter from 0 to 1."""
+        return _scale(family(x, start + s * span), span)
+
     x, converged, _ = _correct_natural(scaled, x, 0.0, tolerance)
     if not converged:
         return Branch(End.STALLED, x, start, (), 0)

@@ -3,7 +3,7 @@
 Deuflhard, Newton Methods for Nonlinear Problems (2004), section 3.3: the step is shortened until the simplified
 Newton correction J⁻¹F at the trial point decreases (natural monotonicity test), which does not depend on how the
 equations are scaled. Where full steps contract well the Jacobian is kept (chord steps): for pointwise problems it costs
-ten times the residual. Success needs both a small correction and a small residual.
+several residuals. Success needs both a small correction and a small residual.
 """
 
 from enum import IntEnum

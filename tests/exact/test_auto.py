@@ -1,17 +1,19 @@
 """The cheapest model that meets a tolerance: its estimates against true errors, and what it says."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scenes import scene, table_1
 
-from models import auto, flexible, kirchhoff
+from models import auto, capstan, flexible, kirchhoff
+from models.outcome import Ends
 from models.scene import Scene
 from models.slow_manifold import CORRECTION_DEGREE, DEGREES, collocation_matrices
 
 
-def relative(found: Scene, other: Scene) -> np.ndarray:
+def relative(found: Ends, other: Ends) -> np.ndarray:
     a, b = (np.array([e.tension_AB, e.twist_AB, e.theta_B]) for e in (found, other))
     return np.abs(a / b - 1)
 
@@ -60,3 +62,19 @@ def test_wrong_calls_are_refused() -> None:
         auto.solve_auto(scene(), tolerance=0.0)
     with pytest.raises(ValueError, match="unknown quantity 'tension'"):
         auto.solve_auto(scene(), wanted=["tension"])
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("problem", [scene(), table_1(1), table_1(3)])
+def test_the_estimated_error_of_the_closed_form_covers_the_true_one(problem: Scene, speed: float) -> None:
+    moved = replace(problem, cylinder_speed_ratio=speed)
+    estimate = capstan.direction_error(moved.dimensionless().vector, capstan.find(moved.dimensionless().vector))
+    true = relative(capstan.solve_capstan(moved).require().ends, flexible.solve_flexible(moved).require().ends)
+    assert np.all(estimate >= true), (estimate, true)
+
+
+def test_among_several_solutions_only_the_rods_own_solve_is_trusted() -> None:
+    # Three solutions: a plain search finds any of them, so no cheaper tier is asked, however large the tolerance.
+    found = auto.solve_auto(scene(cylinder_speed_ratio=0.2, tension_CD=6000.0), tolerance=2.0)
+    assert "capstan" not in found.message
+    assert "by kirchhoff" in found.message

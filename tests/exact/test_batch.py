@@ -34,6 +34,15 @@ def test_a_batch_gives_the_numbers_of_single_solves(model: str) -> None:
         np.testing.assert_allclose(batch.u_theta_B[i], single.u_num.theta_B, rtol=1e-6, atol=1e-15)
 
 
+@pytest.mark.parametrize("model", ["capstan", "flexible", "cosserat", "kirchhoff"])
+def test_hard_rows_end_as_single_solves_do(model: str) -> None:
+    scenes = random_scenes(30)
+    batch = solve_many(inputs(scenes), model)
+    for i, single in enumerate(MODELS[model](s, profile=False) for s in scenes):
+        assert (batch.outcomes[i], batch.messages[i]) == (single.outcome, single.message)
+        np.testing.assert_allclose(batch.theta_B[i], single.ends.theta_B, rtol=1e-9)
+
+
 def test_single_numbers_hold_for_all_rows_and_defaults_need_not_be_given() -> None:
     given = {name: getattr(TABLE_1[0], name) for name in Scene.__slots__}
     given["friction"] = np.array([0.5, 0.81])
