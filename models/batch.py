@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models import auto, capstan, flexible
+from models.diagnosis import WELL_SETTLED
 from models.outcome import Outcome, Solution
 from models.refinement import ROW, Ending
 from models.scene import BENDING_RIGIDITY, TENSION_CD, Scene, normalised, valid_rows
@@ -112,7 +113,7 @@ def solve_many(
 
 
 def _doubtful(model: str, vectors: Array, table: NDArray[Any]) -> NDArray[np.bool_]:
-    """Rows whose outcome needs the single solve: no solution, perhaps several, or elastic forces as great as tension.
+    """Rows whose outcome needs the single solve: no solution, perhaps several, a bad one, great elastic forces.
 
     Without these a single solve only repeats the compiled search, so that both give the same numbers. ELASTIC is a
     guess on the safe side: layers as slow as the solution need elastic forces greater than the tension.
@@ -125,7 +126,7 @@ def _doubtful(model: str, vectors: Array, table: NDArray[Any]) -> NDArray[np.boo
         return doubtful
     tension = np.minimum(table["tension_AB"], vectors[:, TENSION_CD])
     elastic = np.maximum(vectors[:, BENDING_RIGIDITY], 2 * np.pi * np.abs(table["twist_AB"]))
-    return doubtful | ~(elastic <= ELASTIC * tension)
+    return doubtful | ~(elastic <= ELASTIC * tension) | (table["size"] > WELL_SETTLED)
 
 
 def _solve_table(

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, implement, inner
+from models.complex_step import COMPLEX_STEP
 from models.discretisation import Discretisation
 from models.newton import NewtonStatus, condition_number, jacobian, newton, residual
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
 """Real, or complex where a derivative is taken."""
-
-COMPLEX_STEP = 1e-40
 
 
 def equations(problem: Any, f: Values, w: Any, out: Values) -> None:
@@ -108,25 +107,28 @@ def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
     step = 1j * COMPLEX_STEP
     matrix.fill(0.0)
     f, out = np.empty(count, np.complex128), np.empty(m, np.complex128)
+    slopes = np.empty((m, count))
     w = x[-1] + 0j
     for j in range(n):
         pointwise_arguments(orders, derivatives, j, x, f)
-        a = 0
-        for i in range(m):
-            for k in range(orders[i] + 1):
-                f[a] += step
-                equations(pointwise, f, w, out)
-                f[a] = f[a].real
-                a += 1
-                for e in range(m):
-                    slope = out[e].imag / COMPLEX_STEP
-                    if slope != 0.0:
-                        row, weights = matrix[e * n + j, i * size : (i + 1) * size], derivatives[k, j]
-                        for node in range(size):
-                            row[node] += slope * weights[node]
+        for a in range(count):
+            f[a] += step
+            equations(pointwise, f, w, out)
+            f[a] = f[a].real
+            for e in range(m):
+                slopes[e, a] = out[e].imag / COMPLEX_STEP
         equations(pointwise, f, w + step, out)
         for e in range(m):
-            matrix[e * n + j, -1] = out[e].imag / COMPLEX_STEP
+            row_of_all, a = matrix[e * n + j], 0
+            row_of_all[-1] = out[e].imag / COMPLEX_STEP
+            for i in range(m):
+                row = row_of_all[i * size : (i + 1) * size]
+                for k in range(orders[i] + 1):
+                    slope, weights = slopes[e, a], derivatives[k, j]
+                    a += 1
+                    if slope != 0.0:
+                        for node in range(size):
+                            row[node] += slope * weights[node]
     ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
     for i in range(m):
         ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
@@ -171,19 +173,19 @@ def parameter_slopes(problem: Collocated, x: Array) -> Array:
 
 
 @compiled
-def pointwise_slopes(problem: Any, f: Array, w: float, equation_count: int) -> Array:
-    """Derivatives of the equations by the pointwise arguments f, shape (a, points), as (points, m, a)."""
+def linearised(problem: Any, f: Array, w: float, equation_count: int) -> tuple[Array, Array]:
+    """The equations' residuals, shape (points, m), and their slopes, (points, m, a), at arguments f, (a, points)."""
     count, points = f.shape
     out = np.empty(equation_count, np.complex128)
-    slopes = np.empty((points, equation_count, count))
+    values, slopes = np.empty((points, equation_count)), np.empty((points, equation_count, count))
     for j in range(points):
         argument = f[:, j].astype(np.complex128)
         for a in range(count):
             argument[a] += 1j * COMPLEX_STEP
             equations(problem, argument, w + 0j, out)
-            slopes[j, :, a] = out.imag / COMPLEX_STEP
+            values[j], slopes[j, :, a] = out.real, out.imag / COMPLEX_STEP
             argument[a] = f[a, j]
-    return slopes
+    return values, slopes
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.boundary_value import COMPLEX_STEP
 from models.compiled import compiled, inner
+from models.complex_step import COMPLEX_STEP
 from models.friction import friction_direction
 from models.newton import CONVERGED, MAX_ITERATIONS_REACHED
 from models.outcome import Solution

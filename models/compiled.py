@@ -53,12 +53,25 @@ def implement(generic: Callable[..., Any], kind: type[Any], implementation: Call
     This, rather than a function as an argument: machine code that holds a function's address cannot be kept on disk.
     Both functions must name their arguments alike.
     """
-    function = cast(FunctionType, implementation)
-    # numba compares the signatures of the two functions below with their annotations: both go without.
-    plain = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+    own = _plain(implementation)
+    _overload(generic, lambda first: own if getattr(first, "instance_class", None) is kind else None)
 
+
+def implement_complex(generic: Callable[..., Any], implementation: Callable[..., Any]) -> None:
+    """Let compiled calls of `generic` run `implementation` for a complex first argument and its own code for others."""
+    own, real = _plain(implementation), _plain(generic)
+    _overload(generic, lambda first: own if isinstance(first, numba.types.Complex) else real)
+
+
+def _plain(function: Callable[..., Any]) -> FunctionType:
+    """The function without annotations, which numba would compare with those of the choosing function."""
+    given = cast(FunctionType, function)
+    return FunctionType(given.__code__, given.__globals__, given.__name__, given.__defaults__)
+
+
+def _overload(generic: Callable[..., Any], pick: Callable[[Any], Callable[..., Any] | None]) -> None:
     def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
-        return plain if getattr(first, "instance_class", None) is kind else None
+        return pick(first)
 
-    choose.__signature__ = inspect.signature(plain)  # pyright: ignore[reportFunctionMemberAccess]
+    choose.__signature__ = inspect.signature(_plain(generic))  # pyright: ignore[reportFunctionMemberAccess]
     overload(generic)(choose)

@@ -23,6 +23,7 @@ import numpy as np
 
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, implement, inner
+from models.complex_step import reciprocal, sine_cosine, square_root
 from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
 from models.friction import end_conditions, friction_direction
@@ -46,9 +47,9 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
     """−bX + aY, N and p₁ in units of p₃CD, and κ; f holds θ, θ', θ'', θ''', p₃/p₃CD, its derivative, τ, τ'."""
     theta, d1, d2, d3, p, tau, dtau = f[0], f[1], f[2], f[3], f[4], f[6], f[7]
     B, unit = scene[BENDING_RIGIDITY], 1 / scene[TENSION_CD]
-    sine, cosine = np.sin(theta), np.cos(theta)
+    sine, cosine = sine_cosine(theta)
     # S S' = R and κ = sinθ S give κ' = θ' G / S with G = θ'' sinθ + θ'² cosθ + 2 sin²θ cosθ.
-    S = np.sqrt(d1 * d1 + sine * sine)
+    per_S = reciprocal(square_root(d1 * d1 + sine * sine))
     R = d1 * (d2 + sine * cosine)
     G = d2 * sine + d1 * d1 * cosine + 2 * sine * sine * cosine
     dG = (
@@ -57,14 +58,14 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
         - d1 * d1 * d1 * sine
         + d1 * (4 * sine * cosine * cosine - 2 * sine * sine * sine)
     )
-    kappa = sine * S
-    dkappa = d1 * G / S
-    ddkappa = (d2 * G + d1 * dG) / S - d1 * G * R / (S * S * S)
+    kappa = sine * (d1 * d1 + sine * sine) * per_S
+    dkappa = d1 * G * per_S
+    ddkappa = (d2 * G + d1 * dG - d1 * G * R * per_S * per_S) * per_S
     p1 = -unit * B * sine * dkappa
     dp1 = -unit * B * (sine * ddkappa + cosine * d1 * dkappa)
     p2 = -unit * (B - 1) * kappa * tau
     dp2 = -unit * (B - 1) * (dkappa * tau + kappa * dtau)
-    a, b = sine / S, d1 / S
+    a, b = sine * per_S, d1 * per_S
     X = sine * dp1 - p2 * tau + p * kappa
     Y = sine * dp2 + p1 * tau
     return -b * X + a * Y, a * X + b * Y, p1, kappa
@@ -73,8 +74,8 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
 def equations(problem: Printed, f: Values, w: Any, out: Values) -> None:
     """Residuals of E1 and E2, in units of p₃CD, and of E3."""
     across, normal, p1, kappa = balance(problem.scene, f)
-    sine = np.sin(f[0])
-    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, np.cos(f[0]), w)
+    sine, cosine = sine_cosine(f[0])
+    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
     out[0] = across + friction * cos_alpha
     out[1] = sine * f[5] - kappa * p1 - friction * sin_alpha
@@ -83,8 +84,9 @@ def equations(problem: Printed, f: Values, w: Any, out: Values) -> None:
 
 def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values) -> None:
     """Geometry of the spans, p₃(φ), T(φ) and the twist rotation (Eq. 19)."""
-    ends = (np.sin(left[0]), np.cos(left[0]), np.sin(right[0]), np.cos(right[0]))
-    end_conditions(problem.scene, ends, left[2], right[2], w, out)
+    sine_B, cosine_B = sine_cosine(left[0])
+    sine_C, cosine_C = sine_cosine(right[0])
+    end_conditions(problem.scene, (sine_B, cosine_B, sine_C, cosine_C), left[2], right[2], w, out)
     out[1] = right[1] - 1
 
 

@@ -8,9 +8,9 @@ the layers, three to the solution between them. The slow manifold means somethin
 with 1 rad as the longest scale that the geometry knows. Its expansion in 1/R, like any asymptotic series, leaves an
 error that falls exponentially with R. R is a property of the equations, whatever the degree of the polynomial.
 
-Where the search over low degrees fails, in this order: higher degrees, from the flexible yarn; the branch of solutions
-that starts at the frictionless yarn, a circle at constant tension and twist, followed in μ; and at its end the reason:
-a fold, lost contact, or R too small.
+Where the search over low degrees fails or settles badly, in this order: higher degrees, from the flexible yarn; the
+branch of solutions that starts at the frictionless yarn, a circle at constant tension and twist, followed in μ; and at
+its end the reason: a fold, lost contact, or R too small.
 """
 
 import math
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from models import flexible
-from models.boundary_value import Array, Collocated, evaluated, pointwise_slopes, solve
+from models.boundary_value import Array, Collocated, evaluated, linearised, solve
 from models.continuation import Branch, End, collocated_family, follow
 from models.discretisation import chebyshev_collocation, interpolation
 from models.flexible import integration_matrices
@@ -43,6 +43,8 @@ from models.slow_manifold import (
 )
 from models.solution import PROFILE_POINTS, Fields, failed, solution
 
+WELL_SETTLED = 1e-6
+"""Stated error above which higher degrees are tried, too: of random scenes, some state less than they have."""
 HIGHER_DEGREES = (10, 14, 18, 24, 32, 40, 48)
 SAMPLES = 41
 SHIFT = 0.3717
@@ -55,6 +57,8 @@ BRANCH_DEGREE, FINER_BRANCH_DEGREE = 12, 20
 """A fold is located with both; the difference is stated."""
 SEPARATED = 2.0
 """R below which a scene without a solution is one without scale separation; see benchmarks/hard_cases.py."""
+LARGEST_DEFECT = 1e-3
+"""Force between the collocation points, relative to tension, above which a solution is not reported."""
 LEAST_SEPARATION = 1.0
 """R below which no solution is reported, however well it seems to settle: layers that are slower are none."""
 
@@ -98,8 +102,11 @@ def _fields(scene: Dimensionless, rod: Rod, found: Refined) -> Fields:
     return rod_fields(scene, rod, found.fields, psi, matrices)
 
 
-def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> float:
-    """R of the linearised equations along the nodal fields θ, p₃/p₃CD and τ, shape (3, n + 1)."""
+def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> tuple[float, float]:
+    """R of the linearised equations along the nodal fields θ, p₃/p₃CD and τ, shape (3, n + 1), and their defect.
+
+    The defect is the largest force that is left between the collocation points, relative to the largest tension.
+    """
     degree = fields.shape[1] - 1
     matrices = chebyshev_collocation(degree, problem.wrap_angle).nodal_derivatives
     to_points = interpolation(degree, SAMPLES - 1, even=True)
@@ -110,9 +117,9 @@ def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> flo
             for k in range(order + 1)
         ]
     )
-    slopes = pointwise_slopes(rod.problem(problem.vector), values, w, 3)
+    forces, slopes = linearised(rod.problem(problem.vector), values, w, 3)
     if not np.all(np.isfinite(slopes)):
-        return 0.0
+        return 0.0, math.inf
     highest, lower = np.zeros((SAMPLES, 5, 5)), np.zeros((SAMPLES, 5, 5))
     highest[:, [0, 1], [0, 1]] = lower[:, [0, 1], [1, 2]] = 1.0
     highest[:, 2:, 2:] = slopes[:, :, [3, 5, 7]]
@@ -122,7 +129,8 @@ def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> flo
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = np.sort(np.abs(SHIFT + 1 / inverted), axis=1)
     ratios = rates[:, 3] / np.maximum(rates[:, 2], 1.0)
-    return float(np.min(ratios[np.isfinite(ratios)], initial=math.inf))
+    defect = np.max(np.abs(forces[:, :2])) / np.max(np.abs(fields[1]))
+    return float(np.min(ratios[np.isfinite(ratios)], initial=math.inf)), float(defect)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,23 +163,30 @@ def _find(
 ) -> tuple[Refined | _Failure, str]:
     """The solution or the reason why there is none, and what is known of other solutions."""
     strong = bool(feedback(problem.vector) >= STRONG_FEEDBACK)
-    if first.ending == SETTLED and not strong:
-        return _separated(problem, rod, first), ""
+    if first.ending == SETTLED and first.size <= WELL_SETTLED and not strong:
+        checked = _checked(problem, rod, first)
+        if checked is not None:
+            return checked, ""
     start, others = _flexible_start(scene, problem, rotation, strong)
     climb = _climb(problem, rod, start) if start is not None else None
-    if climb is not None and climb.best is not None:
-        return _separated(problem, rod, climb.best), others
+    settled = [climb.best] if climb is not None and climb.best is not None else []
     if first.ending == SETTLED:
-        return _separated(problem, rod, first), others
+        settled.append(first)
+    if not strong:  # with several solutions the first search may have found another one than is wanted
+        settled.sort(key=lambda found: found.size)
+    for found in settled:
+        checked = _checked(problem, rod, found)
+        if checked is not None:
+            return checked, others
     return _from_frictionless(problem, rod, start, climb), others
 
 
-def _separated(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Failure:
-    """The solution, or NO_SCALE_SEPARATION where its layers are slower than itself."""
-    ratio = separation(problem, rod, found.fields, found.w)
-    if ratio >= LEAST_SEPARATION:
-        return found
-    return _no_separation(f"R = {ratio:.2g} on the solution")
+def _checked(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Failure | None:
+    """The solution, or NO_SCALE_SEPARATION where its layers are slower than itself; None where its defect is large."""
+    ratio, defect = separation(problem, rod, found.fields, found.w)
+    if ratio < LEAST_SEPARATION:
+        return _no_separation(f"R = {ratio:.2g} on the solution")
+    return found if defect <= LARGEST_DEFECT else None
 
 
 def _no_separation(detail: str) -> _Failure:
@@ -267,15 +282,16 @@ def _from_frictionless(
     fields, w = _split(branch.x)
     if branch.end is End.REACHED:
         climb = _climb(problem, rod, _Start(lambda degree: fields @ interpolation(BRANCH_DEGREE, degree).T, w))
-        if climb.best is not None:
-            return _separated(problem, rod, climb.best)
+        checked = _checked(problem, rod, climb.best) if climb.best is not None else None
+        if checked is not None:
+            return checked
     if branch.end is End.TURNED:
-        at_fold = separation(_at(problem, branch.folds[0].parameter), rod, *_split(branch.folds[0].x))
+        at_fold, _ = separation(_at(problem, branch.folds[0].parameter), rod, *_split(branch.folds[0].x))
         if at_fold >= SEPARATED:
             return _fold(problem, rod, branch)
         return _no_separation(f"R = {at_fold:.2g} at μ = {branch.folds[0].parameter:.3g}")
-    at_end = separation(_at(problem, branch.parameter), rod, fields, w)
-    at_start = separation(problem, rod, start.values(BRANCH_DEGREE), start.w) if start is not None else math.inf
+    at_end, _ = separation(_at(problem, branch.parameter), rod, fields, w)
+    at_start = separation(problem, rod, start.values(BRANCH_DEGREE), start.w)[0] if start is not None else math.inf
     if min(at_start, at_end) < SEPARATED:
         detail = f"R = {at_start:.2g} on the flexible yarn, {at_end:.2g} on the rod at μ = {branch.parameter:.3g}"
         return _no_separation(detail)

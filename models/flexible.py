@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.boundary_value import COMPLEX_STEP
 from models.compiled import compiled, implement, inner
+from models.complex_step import COMPLEX_STEP
 from models.discretisation import chebyshev_collocation, chebyshev_integration, interpolation, resample
 from models.friction import end_conditions, friction_direction, friction_slopes
 from models.newton import CONVERGED, assign, jacobian, largest, newton, residual

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import inner
+from models.complex_step import reciprocal, square_root
 from models.scene import CYLINDER_SPEED, SPAN_RATIO, TWIST_CD, TWIST_CONGESTION, TWIST_TRAPPING, YARN_RADIUS
 
 Values = NDArray[Any]
@@ -27,7 +28,7 @@ def friction_direction(scene: Values, sine: Any, cosine: Any, w: Any) -> tuple[A
     """
     across = scene[CYLINDER_SPEED] * sine + 2 * np.pi * scene[YARN_RADIUS] * (w - scene[TWIST_CD])
     along = scene[CYLINDER_SPEED] * cosine + 1.0
-    inverse = 1 / np.sqrt(across * across + along * along)
+    inverse = reciprocal(square_root(across * across + along * along))
     return across * inverse, along * inverse
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, implement, inner
+from models.complex_step import sine_cosine
 from models.cosserat import boundary
 from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
@@ -74,7 +75,7 @@ def balance_by_arc(
 def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
     """Force along t and along e_v without friction, and N, in units of p₃CD; f as for the printed model, u₃ for τ."""
     theta, d1, d2, d3, P, dP, u3, du3 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
-    sine, cosine = np.sin(theta), np.cos(theta)
+    sine, cosine = sine_cosine(theta)
     # d/ds = sinθ d/dψ, applied three times.
     by_arc = (
         sine * d1,
@@ -87,8 +88,8 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
 def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
     """Residuals along e_v and t, in units of p₃CD, and of the twisting moment."""
     along, across, normal = balance(problem.scene, f)
-    sine = np.sin(f[0])
-    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, np.cos(f[0]), w)
+    sine, cosine = sine_cosine(f[0])
+    cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
     out[0] = across + friction * cos_alpha
     out[1] = along - friction * sin_alpha

@@ -22,6 +22,7 @@ import numpy as np
 from models import flexible
 from models.boundary_value import Array, Values, register, solve
 from models.compiled import compiled
+from models.complex_step import sine_cosine
 from models.discretisation import chebyshev_collocation, interpolation
 from models.friction import end_conditions, friction_direction
 from models.kirchhoff import balance_by_arc
@@ -52,7 +53,7 @@ def equations(problem: Spans, f: Values, w: Any, out: Values) -> None:
 
     f holds θ, θ_s, θ_ss, p₃/p₃CD and u₃, each with its derivative by ψ.
     """
-    sine, cosine = np.sin(f[0]), np.cos(f[0])
+    sine, cosine = sine_cosine(f[0])
     by_arc, u3_s = (f[2], f[4], sine * f[5]), sine * f[9]
     along, across, normal = balance_by_arc(problem.scene, sine, cosine, by_arc, (f[6], sine * f[7]), (f[8], u3_s))
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)

@@ -90,14 +90,21 @@ def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
         if p != k:
             for j in range(n):
                 matrix[k, j], matrix[p, j] = matrix[p, j], matrix[k, j]
+        # Two rows at a time, as slices, so that the innermost loops become vector instructions that share `upper`.
         upper = matrix[k, k + 1 :]
-        for i in range(k + 1, n):
-            factor = matrix[i, k] / pivot
-            matrix[i, k] = factor
-            if factor != 0.0:
-                row = matrix[i, k + 1 :]  # as slices, so that the loop below becomes vector instructions
-                for j in range(row.shape[0]):
-                    row[j] -= factor * upper[j]
+        for i in range(k + 1, n - 1, 2):
+            factor, next_factor = matrix[i, k] / pivot, matrix[i + 1, k] / pivot
+            matrix[i, k], matrix[i + 1, k] = factor, next_factor
+            row, next_row = matrix[i, k + 1 :], matrix[i + 1, k + 1 :]
+            for j in range(row.shape[0]):
+                row[j] -= factor * upper[j]
+                next_row[j] -= next_factor * upper[j]
+        if (n - k) % 2 == 0:
+            factor = matrix[n - 1, k] / pivot
+            matrix[n - 1, k] = factor
+            row = matrix[n - 1, k + 1 :]
+            for j in range(row.shape[0]):
+                row[j] -= factor * upper[j]
     return smallest > SMALLEST_PIVOT * biggest
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import capstan, cosserat, cosserat_fd, flexible, kirchhoff, kirchhoff_spans, slow_manifold
-from models.boundary_value import COMPLEX_STEP, Array, Collocated, evaluated, parameter_slopes
+from models.boundary_value import Array, Collocated, evaluated, parameter_slopes
+from models.complex_step import COMPLEX_STEP
 from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.outcome import Ends
 from models.refinement import Refined, outcome

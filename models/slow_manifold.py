@@ -7,8 +7,9 @@ polynomial of lower degree cannot carry it, and collocation without extra condit
 
 As for an asymptotic series, more terms help only up to a point: past it the layers become representable, the
 Jacobian's condition number explodes and the ends drift. So the degree is raised while the ends settle, and the search
-ends at the tolerance, at the first growth of the change or at an ill-conditioned Jacobian. The smallest change
-between neighbouring degrees is the stated error. Where even that is large the outcome is NO_SCALE_SEPARATION.
+ends at the tolerance, at the first growth of the change or where the next Jacobian would be ill-conditioned. The
+smallest change between neighbouring degrees is the stated error. Where even that is large the outcome is
+NO_SCALE_SEPARATION.
 """
 
 from collections.abc import Callable
@@ -52,10 +53,12 @@ ORDERS = np.array([3, 1, 1])
 ARGUMENTS = 8
 """θ, θ', θ'', θ''', p₃, p₃', τ, τ': what the equations at a point take."""
 DEGREES = (4, 6, 8, 10, 12, 14, 16, 18)
-PRECISION = 1e-9
+PRECISION = 1e-8
 """Change of the ends between neighbouring degrees at which the search ends."""
 TOLERANCES = (1e-10, 1e-9)
 """Of Newton's correction, below PRECISION and above the rounding of an acceptable Jacobian, and of its residuals."""
+SHARE_OF_CHANGE, FIRST_CHANGE = 1e-3, 1e-2
+"""Newton need not be more accurate than this share of the change between the last degrees, at first of the second."""
 MAX_ITERATIONS = 60
 LARGEST_CHANGE = 1e-4
 """Change above which the slow manifold is not defined well enough to report numbers."""
@@ -91,14 +94,15 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
     )  # fmt: skip
     if start.ending != SETTLED:
         return best
-    at_B, change, smallest, last = nothing, nothing, np.inf, np.inf
-    iterations, ending = start.iterations, NEWTON_FAILED
+    at_B, change, smallest, last, chosen = nothing, nothing, np.inf, np.inf, 0
+    iterations, ending, last_condition = start.iterations, NEWTON_FAILED, np.inf
     for rung in range(len(matrices[0])):
-        at_points, at_nodes = matrices[0][rung], matrices[1][rung]
+        at_points = matrices[0][rung]
         degree = at_points.shape[1]
         x = start_values(start, degree) if rung == 0 else unknowns(fields, w, degree)
         collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
-        status, count, step, value, system = newton(collocated, x, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
+        tolerance = max(TOLERANCES[0], SHARE_OF_CHANGE * min(last, FIRST_CHANGE))
+        status, count, step, value, system = newton(collocated, x, tolerance, 10 * tolerance, MAX_ITERATIONS)
         iterations += count
         condition = condition_number(system)
         if status != CONVERGED or condition > LARGEST_CONDITION:
@@ -113,18 +117,25 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
         found = compiled_rod_ends(scene[TENSION_CD], fields[0, 0], fields[1, 0], fields[2, 0])
         size, change, at_B = compiled_relative_change(found, at_B), found - at_B, found
         if size < smallest:
-            smallest = size
+            smallest, chosen = size, rung
             rows = 3 * degree
-            normal_min, psi_min = lowest_normal_force(collocated, scaled(at_nodes, scene[WRAP_ANGLE]), x)
             best = Refined(
                 SETTLED if size <= LARGEST_CHANGE else DRIFTING, status, degree, fields, w, at_B, change, size,
-                fields[0, -1], normal_min, psi_min, iterations, step,
+                fields[0, -1], np.nan, np.nan, iterations, step,
                 largest(value[:rows]), largest(value[rows:]), condition,
             )  # fmt: skip
-        if size < PRECISION or size > 2 * last:
+        # The condition number grows by about the same factor at each degree: a hopeless degree need not be tried.
+        growth, last_condition = condition / last_condition, condition
+        if size < PRECISION or size > 2 * last or growth * condition > LARGEST_CONDITION:
             break
         last = size
-    return best
+    if not np.isfinite(smallest):
+        return best
+    lowest, where = lowest_normal_force(problem, matrices[0][chosen], matrices[1][chosen], best)
+    return Refined(
+        best.ending, best.status, best.degree, best.fields, best.w, best.ends, best.change, best.size, best.theta_C,
+        lowest, where, best.iterations, best.step, best.residual, best.boundary_residual, best.condition,
+    )  # fmt: skip
 
 
 @inner
@@ -189,21 +200,18 @@ def scaled(reference: Array, length: float) -> Array:
 
 
 @inner
-def lowest_normal_force(collocated: Collocated, at_nodes: Array, x: Array) -> tuple[float, float]:
+def lowest_normal_force(problem: Any, at_points: Array, at_nodes: Array, found: Refined) -> tuple[float, float]:
     """Smallest N [K/r₀³] at collocation points and nodes, and its ψ [rad]."""
-    problem, degree = collocated.problem, at_nodes.shape[2] - 1
-    length, f = problem.scene[WRAP_ANGLE], np.empty(ARGUMENTS)
+    degree, length, f = found.degree, problem.scene[WRAP_ANGLE], np.empty(ARGUMENTS)
+    x = found.fields.ravel()
     lowest, where = np.inf, np.nan
-    for j in range(degree):
-        pointwise_arguments(ORDERS, collocated.derivatives, j, x, f)
-        normal = normal_force(problem, f)
-        if normal < lowest:
-            lowest, where = normal, (1 - np.cos(np.pi * (j + 0.5) / degree)) / 2
-    for j in range(degree + 1):
-        pointwise_arguments(ORDERS, at_nodes, j, x, f)
-        normal = normal_force(problem, f)
-        if normal < lowest:
-            lowest, where = normal, (1 - np.cos(np.pi * j / degree)) / 2
+    for shift, reference in ((0.5, at_points), (0.0, at_nodes)):
+        derivatives = scaled(reference, length)
+        for j in range(derivatives.shape[1]):
+            pointwise_arguments(ORDERS, derivatives, j, x, f)
+            normal = normal_force(problem, f)
+            if normal < lowest:
+                lowest, where = normal, (1 - np.cos(np.pi * (j + shift) / degree)) / 2
     return lowest * problem.scene[TENSION_CD], where * length
 
 

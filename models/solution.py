@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from models.outcome import Ends, Outcome, Profile, Solution, Stats
 from models.refinement import Refined, outcome, stats
@@ -104,5 +103,13 @@ def _profile(scene: Scene, fields: Fields) -> Profile:
         normal_force=fields.normal_force * force / length,
         bending_moment=fields.scene.bending_rigidity * fields.curvature * scene.moment_unit,
         torsional_moment=fields.tau * scene.moment_unit,
-        z=CubicSpline(fields.psi, 1 / np.tan(fields.theta)).antiderivative()(fields.psi) * length,
+        z=_axial_position(fields) * length,
     )
+
+
+def _axial_position(fields: Fields) -> Array:
+    """∫ cotθ dψ from B in r₀, shape (n,), by cubic Hermite pieces."""
+    value, slope = 1 / np.tan(fields.theta), -fields.theta_slope / np.sin(fields.theta) ** 2
+    step = np.diff(fields.psi)
+    pieces = step / 2 * (value[1:] + value[:-1]) - step**2 / 12 * np.diff(slope)
+    return np.concatenate([[0.0], np.cumsum(pieces)])

@@ -161,7 +161,7 @@ def load_case(file: Path) -> Case:
     keys = validated(CaseKeys, read_toml(file), file)
     name, folder = file.parent.name, file.parent
     try:
-        scene, uncertainties = keys.scene()
+        scene, uncertainties = keys.scene(), keys.uncertainties()
     except ValueError as error:
         raise InputError(file, *str(error).split(": ", 1)) from None
     measured = None
@@ -184,7 +184,7 @@ def load_scene(file: Path) -> Scene:
     """Read only the scene of a case.toml, which then needs neither [measured] nor [raw] (for `predict`)."""
     given = {k: v for k, v in read_toml(file).items() if k not in ("measured", "raw", "published", "note")}
     try:
-        return validated(SceneKeys, given, file).scene()[0]
+        return validated(SceneKeys, given, file).scene()
     except ValueError as error:
         raise InputError(file, *str(error).split(": ", 1)) from None
 

@@ -72,21 +72,22 @@ class SceneKeys(Keys):
     tex: Number | None = None
     E_note: str | None = None
 
-    def scene(self) -> tuple[Scene, Mapping[str, float]]:
-        """The scene in SI, and the standard uncertainties that are given, in SI, by the scene's field names.
+    def scene(self) -> Scene:
+        """The scene in SI.
 
         Raises
         ------
         ValueError
             If a value has no physical meaning; the message names the key as the user wrote it.
         """
-        given: dict[str, Uncertain] = {key: getattr(self, key) for key in _SCENE_FIELDS}
-        uncertainties = {
-            field: given[key].standard_uncertainty * to_si
-            for key, (field, to_si) in _SCENE_FIELDS.items()
-            if math.isfinite(given[key].standard_uncertainty)
+        return _scene({key: getattr(self, key).value for key in _SCENE_FIELDS}, _SCENE_FIELDS)
+
+    def uncertainties(self) -> Mapping[str, float]:
+        """The standard uncertainties that are given, in SI, by the scene's field names."""
+        found = {
+            field: getattr(self, key).standard_uncertainty * to_si for key, (field, to_si) in _SCENE_FIELDS.items()
         }
-        return _scene({key: number.value for key, number in given.items()}, _SCENE_FIELDS), uncertainties
+        return {field: u for field, u in found.items() if math.isfinite(u)}
 
 
 def _scene(given: Mapping[str, float], keys: Mapping[str, tuple[str, float]], **fixed: float) -> Scene:

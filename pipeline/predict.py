@@ -164,7 +164,7 @@ def _table_scene(number: int, header: Sequence[str], cells: Sequence[str]) -> Ta
         except ValueError:
             return TableScene(case, None, f"line {number}, column {name}: '{text}' is not a number")
     try:
-        return TableScene(case, SceneKeys.model_validate(values).scene()[0])
+        return TableScene(case, SceneKeys.model_validate(values).scene())
     except ValidationError as error:
         first = error.errors()[0]
         found = "is missing" if first["type"] == "missing" else f"is {first['input']}: {first['msg'].lower()}"

@@ -108,7 +108,7 @@ class Sweep:
         given = {**self.base, parameter: value, "k": pair.k, "eta": pair.eta}
         if self.normalised:
             return DimensionlessKeys.model_validate(given).scene()
-        return SceneKeys.model_validate(given).scene()[0]
+        return SceneKeys.model_validate(given).scene()
 
 
 @dataclass(frozen=True, slots=True)
