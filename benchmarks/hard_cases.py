@@ -26,7 +26,6 @@ from pathlib import Path
 import matplotlib
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.polynomial import Chebyshev
 from scipy.integrate import solve_bvp, solve_ivp
@@ -34,19 +33,16 @@ from threadpoolctl import threadpool_limits
 
 from models.outcome import Outcome, Solution
 from models.scene import Dimensionless, Scene
+from models.self_consistency import feedback
 from models.solve import MODELS
-from pipeline.bench import random_scenes
+from pipeline.bench import Ending, random_scenes
+from pipeline.report.bench_figures import outcome_map
 
 CHECKED = ("flexible", "cosserat", "kirchhoff")
 LARGEST_ERROR = {"flexible": 1e-6, "cosserat": 1e-3, "kirchhoff": 1e-3}
 """What the check accepts. Rods may state an error of 1e-4 of their ends; their residual is of the same order."""
 BVP_EVERY = 20
 BVP_TOLERANCE = 1e-6
-
-
-def feedback(d: Dimensionless) -> float:
-    """Γ = η R₀² p₃ (1 − exp(−μφ)): how strongly twist acts on itself."""
-    return d.twist_congestion * d.yarn_radius**2 * d.tension_CD * -math.expm1(-d.friction * d.wrap_angle)
 
 
 def direction(d: Dimensionless, theta: float, w: float) -> float:
@@ -239,31 +235,6 @@ def bvp_solves(d: Dimensionless) -> bool:
             return False
 
 
-def draw(rows: list[Row], scenes: list[Scene], file: Path) -> None:
-    """Outcomes over p̄₃ and Γ, one panel a model."""
-    problems = [scene.dimensionless() for scene in scenes]
-    x, y = np.array([d.tension_CD for d in problems]), np.array([max(feedback(d), 1e-4) for d in problems])
-    colours = {
-        Outcome.CONVERGED: "#9ecae1",
-        Outcome.SEVERAL_SOLUTIONS: "#08519c",
-        Outcome.FOLD: "#d94801",
-        Outcome.NO_SCALE_SEPARATION: "#bdbdbd",
-        Outcome.LIFT_OFF: "#31a354",
-        Outcome.NOT_CONVERGED: "#000000",
-    }
-    figure, panels = plt.subplots(1, 3, figsize=(12, 4.6), sharey=True, layout="constrained")
-    for axes, model in zip(panels, CHECKED, strict=True):
-        mine = [row for row in rows if row.model == model]
-        for outcome, colour in colours.items():
-            which = [row.scene for row in mine if row.outcome is outcome]
-            label = outcome.name.lower().replace("_", " ")
-            axes.scatter(x[which], y[which], s=5, color=colour, linewidths=0, label=f"{label} ({len(which)})")
-        axes.set(xscale="log", yscale="log", xlabel="p̄₃ = p₃CD r₀² / K", title=model)
-        axes.legend(loc="lower right", fontsize=7, markerscale=3)
-    panels[0].set_ylabel("Γ = η R₀² p₃CD (1 − exp(−μφ)) / K")
-    figure.savefig(file, dpi=130)
-
-
 def main(count: int, folder: Path) -> None:
     """Solve, recheck, write the table and draw the map."""
     scenes = random_scenes(count)
@@ -295,9 +266,20 @@ def main(count: int, folder: Path) -> None:
         solved = sum(peer)
         share = f"{100 * solved / max(len(peer), 1):.2f}"
         table.writerow([f"flexible by solve_bvp, every {BVP_EVERY}th scene", "converged", solved, share, "", "", ""])
-    draw(rows, scenes, folder / "hard_cases.png")
+    gamma = feedback(np.array([scene.dimensionless().vector for scene in scenes]))
+    found = [
+        Ending(
+            row.model,
+            row.scene,
+            scenes[row.scene].dimensionless().tension_CD,
+            gamma[row.scene],
+            row.outcome.name.lower(),
+        )
+        for row in rows
+    ]
+    outcome_map(found, CHECKED).savefig(folder / "hard_cases.png", dpi=130)
     print((folder / "hard_cases.csv").read_text(encoding="utf-8"))
-    several = [feedback(scenes[r.scene].dimensionless()) for r in rows if r.outcome is Outcome.SEVERAL_SOLUTIONS]
+    several = [gamma[row.scene] for row in rows if row.outcome is Outcome.SEVERAL_SOLUTIONS]
     print(f"{count} scenes in {wall:.0f} s on two processes; several solutions from Γ = {min(several, default=0):.2f}")
 
 

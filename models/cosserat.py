@@ -72,14 +72,15 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
 
 
 def equations(problem: Printed, f: Values, w: Any, out: Values) -> None:
-    """Residuals of E1 and E2, in units of p₃CD, and of E3."""
+    """Residuals of E1 and E2, in units of p₃CD, and of E3, in units of K/r₀ + R₀ p₃CD."""
     across, normal, p1, kappa = balance(problem.scene, f)
     sine, cosine = sine_cosine(f[0])
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
     out[0] = across + friction * cos_alpha
     out[1] = sine * f[5] - kappa * p1 - friction * sin_alpha
-    out[2] = sine * f[7] + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+    moment = problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+    out[2] = (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment)
 
 
 def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from models.boundary_value import Array, Values, register
 from models.compiled import compiled, implement, inner
-from models.complex_step import sine_cosine
+from models.complex_step import reciprocal, sine_cosine
 from models.cosserat import boundary
 from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
@@ -86,14 +86,15 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
 
 
 def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
-    """Residuals along e_v and t, in units of p₃CD, and of the twisting moment."""
+    """Residuals along e_v and t, in units of p₃CD, and of the twisting moment, in units of K/r₀ + R₀ p₃CD."""
     along, across, normal = balance(problem.scene, f)
     sine, cosine = sine_cosine(f[0])
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
     out[0] = across + friction * cos_alpha
     out[1] = along - friction * sin_alpha
-    out[2] = sine * f[7] + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+    moment = problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+    out[2] = (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment)
 
 
 register(Consistent, equations, boundary)

@@ -14,8 +14,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from models.cosserat_fd import solve_cosserat_fd
 from models.discretisation import chebyshev_integration, chebyshev_reference
 from models.outcome import Outcome
 from models.scene import Dimensionless, Scene
+from models.self_consistency import feedback
 from models.slow_manifold import Rod, collocation_matrices
 from models.solve import MODELS, ROWS
 from pipeline.threads import one_thread
@@ -76,6 +76,19 @@ class Cost:
     nodes: int
     relative_error_p3_AB: float
     seconds_per_solve: float
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How one method ended on one random scene."""
+
+    method: str
+    scene: int
+    tension_bar: float
+    """p₃CD r₀²/K."""
+    feedback: float
+    """Γ of models/self_consistency.py: how strongly the twist acts on itself."""
+    outcome: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,20 +241,33 @@ def _shooting() -> Iterator[Cost]:
         yield Cost(SHOOTING, f"tol {tolerance:g}", 0, abs(tension / exact - 1), seconds)
 
 
-def fates(count: int) -> list[Fate]:
+def endings(count: int) -> list[Ending]:
     """How the first `count` random scenes end with each model, and with solve_bvp from the same first guess."""
-    scenes = random_scenes(count)
-    found: list[Fate] = []
+    found: list[Ending] = []
     with one_thread():
-        for model in (flexible.NAME, cosserat.NAME, kirchhoff.NAME):
-            outcomes = Counter(MODELS[model](scene, profile=False).outcome for scene in scenes)
-            solved = sum(n for outcome, n in outcomes.items() if outcome.ok)
-            unexplained = sum(outcomes[outcome] for outcome in UNEXPLAINED)
-            explained = count - solved - unexplained
-            found.append(Fate(model, count, solved / count, explained / count, unexplained / count))
-        solved = sum(bvp_solution(scene.dimensionless(), 1e-6, 20)[0] for scene in scenes)
-        found.append(Fate(BVP, count, solved / count, 0.0, 1 - solved / count))
+        for i, scene in enumerate(random_scenes(count)):
+            d = scene.dimensionless()
+            place = i, d.tension_CD, float(feedback(d.vector))
+            for model in (flexible.NAME, cosserat.NAME, kirchhoff.NAME):
+                outcome = MODELS[model](scene, profile=False).outcome
+                found.append(Ending(model, *place, outcome.name.lower()))
+            solved = bvp_solution(d, 1e-6, 20)[0]
+            outcome = Outcome.CONVERGED if solved else Outcome.NOT_CONVERGED
+            found.append(Ending(BVP, *place, outcome.name.lower()))
     return found
+
+
+def fates(found: Sequence[Ending]) -> list[Fate]:
+    """Shares of the outcomes of each method."""
+    shares: list[Fate] = []
+    for method in dict.fromkeys(ending.method for ending in found):
+        outcomes = [Outcome[ending.outcome.upper()] for ending in found if ending.method == method]
+        count = len(outcomes)
+        solved = sum(outcome.ok for outcome in outcomes)
+        unexplained = sum(outcome in UNEXPLAINED for outcome in outcomes)
+        explained = count - solved - unexplained
+        shares.append(Fate(method, count, solved / count, explained / count, unexplained / count))
+    return shares
 
 
 def throughput(count: int) -> list[Throughput]:
@@ -294,7 +320,7 @@ def _as_table(inputs: dict[str, np.ndarray], count: int) -> str:
     return text.getvalue()
 
 
-def as_csv(rows: list[Cost] | list[Fate] | list[Throughput]) -> str:
+def as_csv(rows: Sequence[Cost] | Sequence[Ending] | Sequence[Fate] | Sequence[Throughput]) -> str:
     """The rows as a table with the field names as its header."""
     names = [field.name for field in fields(rows[0])]
     text = io.StringIO()

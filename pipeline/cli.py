@@ -256,15 +256,14 @@ def wind(
 
 @app.command(epilog="Example: yarnval bench --out reports --scenes 200")
 def bench(
-    out: Annotated[Path, typer.Option(help="Folder for the tables and the figure.")] = Path("reports"),
-    scenes: Annotated[int, typer.Option(min=1, help="Random scenes for the panel of failures.")] = 200,
+    out: Annotated[Path, typer.Option(help="Folder for the tables, the figures and bench.html.")] = Path("reports"),
+    scenes: Annotated[int, typer.Option(min=1, help="Random scenes for the map of outcomes.")] = 200,
     rows: Annotated[int, typer.Option(min=1, help="Rows of the table that is timed.")] = 10_000,
     as_json: Json = False,
 ) -> int:
-    """Work and precision, failures and throughput of the models beside scipy's solvers; takes about a minute."""
-    from pipeline.atomic import whole_file
-    from pipeline.bench import as_csv, fates, throughput, work_precision
-    from pipeline.report.bench_figures import bench_figure, svg
+    """Work and precision, hard cases and throughput of the models beside scipy's solvers; takes about a minute."""
+    from pipeline.bench import endings, fates, throughput, work_precision
+    from pipeline.report.bench import write_bench
 
     try:
         out.mkdir(parents=True, exist_ok=True)  # before minutes of work, not after
@@ -273,18 +272,15 @@ def bench(
     with _status("timing single solves"):
         costs = work_precision()
     with _status(f"solving {scenes} random scenes"):
-        ends = fates(scenes)
+        found = endings(scenes)
     with _status(f"solving tables of {rows} rows"):
         rates = throughput(rows)
-    tables = {"work_precision.csv": as_csv(costs), "fates.csv": as_csv(ends), "throughput.csv": as_csv(rates)}
-    for name, text in {**tables, "work_precision.svg": svg(bench_figure(costs, ends))}.items():
-        with whole_file(out / name) as file:
-            file.write(text)
+    tables = write_bench(costs, found, rates, out)
     if as_json:
         _print_json(
             {
                 "costs": [asdict(c) for c in costs],
-                "fates": [asdict(f) for f in ends],
+                "fates": [asdict(f) for f in fates(found)],
                 "rates": [asdict(r) for r in rates],
             }
         )

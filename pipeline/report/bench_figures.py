@@ -1,12 +1,24 @@
-"""The figure of `yarnval bench`: error against time, how random scenes end, and cost against the number of nodes."""
+"""The figures of `yarnval bench`: error against time, how random scenes end and where, cost by the number of nodes."""
 
-import io
 from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from pipeline.bench import Cost, Fate
+from pipeline.bench import Cost, Ending, Fate
+
+OUTCOMES = {
+    "converged": "#9ecae1",
+    "several_solutions": "#08519c",
+    "fold": "#d94801",
+    "no_scale_separation": "#bdbdbd",
+    "lift_off": "#31a354",
+    "sticking": "#984ea3",
+    "not_converged": "#000000",
+    "singular": "#000000",
+}
+MANY = 2000
+"""Points from which on they are drawn as an image inside the SVG."""
 
 
 def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
@@ -34,12 +46,29 @@ def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
     fate.invert_yaxis()
     fate.set(xlabel=f"% of {fates[0].scenes} random scenes", title="How they end")
     fate.legend(loc="upper center", bbox_to_anchor=(0.4, -0.14), ncols=3, fontsize="small")
+    figure.set_label("Error and time of each method, the outcomes of random scenes, and time by the number of nodes")
     return figure
 
 
-def svg(figure: Figure) -> str:
-    """The figure as SVG text, without a date so that it changes only with the numbers."""
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None})
-    plt.close(figure)
-    return text.getvalue()
+def outcome_map(found: Sequence[Ending], methods: Sequence[str]) -> Figure:
+    """Outcomes of random scenes over tension and the feedback of the twist, one panel a method."""
+    figure, panels = plt.subplots(1, len(methods), figsize=(12, 4.6), sharey=True, layout="constrained", squeeze=False)
+    for axes, method in zip(panels[0], methods, strict=True):
+        mine = [ending for ending in found if ending.method == method]
+        for outcome, colour in OUTCOMES.items():
+            here = [ending for ending in mine if ending.outcome == outcome]
+            if here:
+                axes.scatter(
+                    [ending.tension_bar for ending in here],
+                    [max(ending.feedback, 1e-4) for ending in here],
+                    s=5 if len(mine) > MANY else 12,
+                    color=colour,
+                    linewidths=0,
+                    label=f"{outcome.replace('_', ' ')} ({len(here)})",
+                    rasterized=len(mine) > MANY,
+                )
+        axes.set(xscale="log", yscale="log", xlabel="p₃CD r₀² / K", title=method)
+        axes.legend(loc="lower right", fontsize=7, markerscale=2)
+    panels[0, 0].set_ylabel("Γ = η R₀² p₃CD (1 − exp(−μφ)) / K")
+    figure.set_label("Outcomes of random scenes by tension and by the feedback of the twist on itself")
+    return figure

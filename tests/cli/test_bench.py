@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline import bench
-from pipeline.report.bench_figures import bench_figure, svg
+from pipeline.report.bench_figures import bench_figure, outcome_map
 
 CASE = Path(__file__).parents[2] / "data_samples" / "yin2020" / "case1" / "case.toml"
 
@@ -38,6 +38,11 @@ def test_the_tables_and_the_figure_are_written(yarnval, tmp_path, quick) -> None
     with (out / "work_precision.csv").open(encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == len(costs)
     assert (out / "work_precision.svg").read_text(encoding="utf-8").startswith("<?xml")
+    with (out / "outcomes.csv").open(encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) == 3 * 4
+    page = (out / "bench.html").read_text(encoding="utf-8")
+    assert page.count("<figure") == 2
+    assert "Hard cases" in page
 
 
 def test_a_folder_that_cannot_be_made_is_refused_first(yarnval, tmp_path) -> None:
@@ -57,7 +62,19 @@ def test_the_figure_shows_the_shares() -> None:
     widths = [patch.get_width() for patch in figure.axes[1].patches]
     assert widths == pytest.approx([70, 20, 10])
     assert figure.axes[0].get_lines()[0].get_xdata().tolist() == pytest.approx([0.1, 0.2])
-    assert svg(figure).count("<svg") == 1
+
+
+def test_the_map_counts_outcomes_and_shows_each_in_its_place() -> None:
+    found = [
+        bench.Ending("a", 0, 10.0, 0.5, "converged"),
+        bench.Ending("a", 1, 20.0, 0.0, "fold"),
+        bench.Ending("b", 0, 10.0, 0.5, "converged"),
+    ]
+    axes = outcome_map(found, ["a", "b"]).axes
+    assert [text.get_text() for text in axes[0].get_legend().get_texts()] == ["converged (1)", "fold (1)"]
+    assert axes[0].collections[1].get_offsets().tolist() == [[20.0, 1e-4]]  # Γ = 0 stands at the lower edge
+    assert [text.get_text() for text in axes[1].get_legend().get_texts()] == ["converged (1)"]
+    assert [f.solved for f in bench.fates(found)] == [0.5, 1.0]
 
 
 def test_auto_says_what_it_chose(yarnval) -> None:
