@@ -7,6 +7,8 @@ STUDY is one of
     reference   nine cases, reference mode, one process per core, niced; minutes to an hour
     refine      a short package of ten layers in both modes at 4, 2 and 1 mm, stiff and soft
     cost        fast mode from 1 to 90 m, reference mode from 1 to 3 m
+    calibrate   the layers of the soft run of `reference` taken as if measured: fitted on the fast mode, then run with
+                the fitted values in the reference mode
     figures     tables and figures of all runs that are there
 
 A run is kept as FOLDER/runs/NAME.npz and not repeated; a reference run that was stopped goes on from its checkpoint.
@@ -28,6 +30,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from models.winding.calibrate import calibrate_to_layers
 from models.winding.result import Kept
 from models.winding.scene import WindingScene
 from models.winding.solve import wind
@@ -96,6 +99,33 @@ def cost() -> dict[str, WindingScene]:
 
 
 STUDIES = {"fast": lambda: nine("fast"), "reference": lambda: nine("reference"), "refine": refine, "cost": cost}
+
+
+def calibrate(folder: Path) -> None:
+    """Fit stiffness and relaxation to the layers of a kept reference run, run the fit, write calibration.csv."""
+    runs = read(folder)
+    given = runs.get("reference-131.2tex-1000rpm-soft")
+    if given is None:
+        sys.exit("run the study 'reference' first: its soft run stands for the measurement")
+    own = case(131.2, 1000)
+    fit = calibrate_to_layers(replace(own, mode="fast"), given["layers"][: math.floor(own.cycles)])
+    print(run("calibrated-reference", replace(fit.scene, mode="reference"), folder))
+    verified = read(folder)["calibrated-reference"]["layers"][: fit.measured.size]
+    columns = {
+        "as_if_measured": fit.measured,
+        "fast_before": fit.before,
+        "fast_fitted": fit.after,
+        "reference": verified,
+    }
+    with (folder / "calibration.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["layer", *columns])
+        for k, row in enumerate(zip(*columns.values(), strict=True), start=1):
+            table.writerow([k, *(f"{x:.3f}" for x in row)])
+    for found in fit.fitted:
+        print(f"{found.name}: {found.start:g} before, {found.value:.4g} fitted, u {found.u:.2g}")
+    rms = np.sqrt(np.mean((verified - fit.measured) ** 2))
+    print(f"rms in T/T0: {fit.rms_before:.3f} before, {fit.rms_after:.3f} fitted, {rms:.3f} in the reference mode")
 
 
 class Checkpoint:
@@ -256,7 +286,9 @@ def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
 def main(study: str, folder: Path) -> None:
     """Run a study, then draw what is there."""
     (folder / "runs").mkdir(parents=True, exist_ok=True)
-    if study != "figures":
+    if study == "calibrate":
+        calibrate(folder)
+    elif study != "figures":
         scenes = STUDIES[study]()
         if study in ("reference", "refine"):
             with ProcessPoolExecutor(2) as pool:
@@ -271,6 +303,6 @@ def main(study: str, folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) < 2 or sys.argv[1] not in (*STUDIES, "figures"):
+    if len(sys.argv) < 2 or sys.argv[1] not in (*STUDIES, "calibrate", "figures"):
         sys.exit(__doc__)
     main(sys.argv[1], Path(sys.argv[2]) if len(sys.argv) > 2 else Path("reports/winding"))

@@ -153,16 +153,16 @@ def statements(rows: Sequence[Row], found: Sequence[Finding]) -> list[str]:
     off = {row.name: 100 * (row.span.mean / row.end_tension - 1) for row in base if math.isfinite(row.span.mean)}
     if off:
         worst = max(off, key=lambda name: abs(off[name]))
-        said.append(
-            f"The mean tension between guide and bobbin is within {abs(off[worst]):.1f}\u00a0% of the end tension in "
-            f"all {len(off)} cases (furthest: {worst})."
-        )
+        where = f" in all {len(off)} cases (furthest: {worst})" if len(off) > 1 else ""
+        furthest = f"{abs(off[worst]):.1f}\u00a0%"
+        said.append(f"The mean tension between guide and bobbin is within {furthest} of the end tension{where}.")
     for against, group in groupby(sorted(base, key=lambda r: r.errors.reference), key=lambda r: r.errors.reference):
         means = [row.errors.mean_percent for row in group if row.errors.count]
         if means:
             said.append(
-                f"The paper's error metric against {against}: {min(means):.1f} to {max(means):.1f}\u00a0%, "
-                f"{np.mean(means):.1f}\u00a0% on average over {len(means)} cases. "
+                f"The paper's error metric against {against}: "
+                + (f"{min(means):.1f} to {max(means):.1f}\u00a0%, on average " if len(means) > 1 else "")
+                + f"{np.mean(means):.1f}\u00a0%. "
                 + (
                     "T₀ is the end tension, not a measurement: this says how much the tension fluctuates. The paper's "
                     "14.09\u00a0% is against measured curves that are not published."

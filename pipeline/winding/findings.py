@@ -140,11 +140,18 @@ def _verdict(
     held = [row for row in rows if holds(row)]
     rest = [row for row in base if not holds(row)]
     if not rest:
-        return Finding(claim, Verdict.REPRODUCED, f"in all {len(base)} cases: {said(base)}.")
+        return Finding(claim, Verdict.REPRODUCED, f"in {_all(len(base))}: {said(base)}.")
     if not held:
-        return Finding(claim, Verdict.NOT_REPRODUCED, f"in any of {len(base)} cases: {said(base)}.")
+        return Finding(claim, Verdict.NOT_REPRODUCED, f"in {_all(len(base), none=True)}: {said(base)}.")
     where = "; ".join(f"{row.name}, {row.result.mode} mode ({said([row])})" for row in held)
-    return Finding(claim, Verdict.ONLY_IF, f"{where}. Not in {len(rest)} of {len(base)} cases: {said(rest)}.")
+    without = f"{len(rest)} of {len(base)} cases" if len(base) > 1 else "the case itself"
+    return Finding(claim, Verdict.ONLY_IF, f"{where}. Not in {without}: {said(rest)}.")
+
+
+def _all(count: int, *, none: bool = False) -> str:
+    if count == 1:
+        return "the one case"
+    return f"any of {count} cases" if none else f"all {count} cases"
 
 
 def _range(values: Sequence[float], form: str) -> str:
