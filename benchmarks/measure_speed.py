@@ -216,16 +216,22 @@ def write_cine(path: Path, images: list[Pixels], count: int, packing: str = "") 
 
 def whole_command(clip: Path, count: int) -> tuple[float, float, float]:
     """Wall time [s], processor time [s] and peak resident memory [MB] of `yarnval measure` as a process of its own."""
-    call = "from pipeline.cli import main; main()"
+    # VmHWM, because the peak that the parent is told counts the parent's own memory at the start of the child.
+    call = "import sys\nfrom pipeline.cli import main\ntry:\n    main()\nfinally:\n"
+    call += "    sys.stderr.write(open('/proc/self/status').read())"
     options = ["--scale-um-per-px", "4", "--fps", "1200", "--axis-deg", "90", "--json"]
-    with (clip.with_suffix(".json")).open("w") as out:
+    with clip.with_suffix(".json").open("w") as out, clip.with_suffix(".txt").open("w+") as told:
         begin = time.perf_counter()
-        process = subprocess.Popen([sys.executable, "-c", call, "measure", str(clip), *options], stdout=out)
+        process = subprocess.Popen(
+            [sys.executable, "-c", call, "measure", str(clip), *options], stdout=out, stderr=told
+        )
         _, status, used = os.wait4(process.pid, 0)
         wall = time.perf_counter() - begin
-    if status:
+        told.seek(0)
+        peak = [int(line.split()[1]) / 1024 for line in told if line.startswith("VmHWM")]
+    if status or not peak:
         raise RuntimeError(f"yarnval measure ended with {status} on {count} frames")
-    return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    return wall, used.ru_utime + used.ru_stime, peak[0]
 
 
 def main(folder: Path) -> None:

@@ -227,11 +227,11 @@ def _fit_shadow(
             profile, spread = _profile(strip)
     weight = weights(profile, spread)
     body = fit_lit(profile, weight, [start]) if known else None
+    near = [] if plain is None else [(plain.offset, plain.radius, plain.blur, plain.light)]
+    if body is None and near and abs(near[0][3]) <= SIDEWAYS:  # little of the yarn is dark: there is one minimum
+        body = fit_lit(profile, weight, near)
     if body is None or body.misfit > NO_MISFIT:
-        starts = side_starts(profile, start[2])
-        if plain is not None:
-            starts.append((plain.offset, plain.radius, plain.blur, plain.light))
-        body = fit_lit(profile, weight, starts)
+        body = fit_lit(profile, weight, side_starts(profile, start[2]) + near)
     if body is None or (plain is not None and body.misfit > max(NO_MISFIT, plain.misfit)):
         body = plain
     return strip, profile, body

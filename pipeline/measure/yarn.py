@@ -62,6 +62,8 @@ MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
+COUNTED = 200
+"""Frames of a clip, at least, that hairs are counted in: neighbouring frames show the same hairs."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
 
@@ -84,13 +86,25 @@ class _Frame:
     axis: YarnAxis | None = None
     twist: FrameTwist | None = None
     hairs: float = math.nan
-    """[1/px]"""
+    """[1/px]; NaN where not counted."""
     turn: float = math.nan
     """Turn of the helix until the next frame [rad]; NaN where not resolved or not looked at."""
     doubt: str = ""
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
     """The frame for the contact sheet, where it is to be there."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What is looked at in some frames of a chunk only, by their places in it."""
+
+    shots: set[int]
+    """Those that go on the contact sheet."""
+    hairs: set[int]
+    """Those whose hairs are counted."""
+    pairs: NDArray[np.bool_]
+    """Whether the turn until the next frame is looked at, shape (frames,)."""
 
 
 def measure_yarn(
@@ -266,9 +280,11 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
         for start in range(0, n, CHUNK):
             frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
             pairs = looked_at[start : start + len(frames)]
-            running.append(
-                pool.submit(_measure_chunk, frames, video.bits, method, plies, {i - start for i in shots}, pairs)
+            spaced = max(1, n // COUNTED)
+            wanted = _Wanted(
+                {i - start for i in shots}, {i for i in range(len(frames)) if (start + i) % spaced == 0}, pairs
             )
+            running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
                 yield from running.popleft().result()
         while running:
@@ -324,17 +340,9 @@ def _measure_chunk(
     bits: int,
     method: str,
     plies: int,
-    shots: set[int],
-    pairs: NDArray[np.bool_],
+    wanted: _Wanted,
 ) -> list[_Frame]:
-    """Measure successive frames.
-
-    Parameters
-    ----------
-    frames : None where one cannot be read.
-    shots : places of those that go on the contact sheet.
-    pairs : whether the turn until the next frame is looked at, shape (frames,).
-    """
+    """Measure successive frames; None where one cannot be read."""
     found: list[_Frame] = []
     axis, before, seen = None, None, None
     for i, frame in enumerate(frames):
@@ -355,13 +363,14 @@ def _measure_chunk(
             flag |= FrameFlag.DIAMETER_NOT_CREDIBLE
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
-        if last is not None and pairs[i - 1] and not doubt:
+        if last is not None and wanted.pairs[i - 1] and not doubt:
             turn = helix_turn(last[0], frame, (last[1], axis), last[2])
             found[-1] = replace(found[-1], turn=turn)
         if math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
-        crossings = hairiness(frame, axis)
-        found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=_reduced(frame) if i in shots else None))
+        crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
+        reduced = _reduced(frame) if i in wanted.shots else None
+        found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=reduced))
     return found
 
 
