@@ -59,8 +59,9 @@ SEPARATED = 2.0
 """R below which a scene without a solution is one without scale separation; see benchmarks/hard_cases.py."""
 LARGEST_DEFECT = 5e-4
 """Force between the collocation points, relative to tension, above which a solution is not reported."""
-LEAST_SEPARATION = 1.0
-"""R below which no solution is reported, however well it seems to settle: layers that are slower are none."""
+LEAST_SEPARATION = 1.01
+"""R below which no solution is reported, however well it seems to settle: layers that are slower are none, and R is 1
+where a layer and the solution are one conjugate pair."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +106,8 @@ def _fields(scene: Dimensionless, rod: Rod, found: Refined) -> Fields:
 def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> tuple[float, float]:
     """R of the linearised equations along the nodal fields θ, p₃/p₃CD and τ, shape (3, n + 1), and their defect.
 
-    The defect is the largest force that is left between the collocation points, relative to the largest tension. Where
-    p₃ ≤ 0 the rates of the layers, ±√(p₃/B) at small angles, are imaginary: nothing decays, and R is 0.
+    The defect is the largest force that is left between the collocation points, relative to the largest tension.
     """
-    if np.min(fields[1]) <= 0:
-        return 0.0, math.inf
     degree = fields.shape[1] - 1
     matrices = chebyshev_collocation(degree, problem.wrap_angle).nodal_derivatives
     to_points = interpolation(degree, SAMPLES - 1, even=True)
