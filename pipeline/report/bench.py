@@ -74,7 +74,7 @@ def _page(
 
     cells.append(heading_cell(1, "title", "What a digit costs, and how a solve ends", ""))
     cells.append(heading_cell(2, "work-precision", "Error against time", _COSTS))
-    show("work_precision", "Left: error against time. Middle: how random scenes end. Right: time by nodes.")
+    show("work_precision", "Above: error against time, and time by the number of nodes. Below: how random scenes end.")
     output({"text/html": html_table([_cost(row) for row in costs], "Error and time of each setting", 2)})
     cells.append(heading_cell(2, "hard-cases", "Hard cases", _ENDINGS))
     show("outcome_map", "Each point is a random scene, coloured by how the solve of that model ended.")

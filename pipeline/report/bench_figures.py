@@ -23,7 +23,10 @@ MANY = 2000
 
 def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
     """Three panels from the measured rows."""
-    figure, (precision, fate, nodes) = plt.subplots(1, 3, figsize=(12, 4.8), layout="constrained")
+    figure, panels = plt.subplot_mosaic(
+        [["precision", "nodes"], ["fate", "fate"]], figsize=(8.2, 6.6), height_ratios=(3, 1), layout="constrained"
+    )
+    precision, nodes, fate = panels["precision"], panels["nodes"], panels["fate"]
     for method in dict.fromkeys(cost.method for cost in costs):
         rows = sorted((c for c in costs if c.method == method), key=lambda c: c.seconds_per_solve)
         times = [1e3 * c.seconds_per_solve for c in rows]
@@ -35,7 +38,7 @@ def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
         else:
             nodes.plot([], [])  # keeps a method's colour the same in both panels
     precision.set(xlabel="time per solve (ms)", ylabel="relative error of p₃AB", title="Work and precision")
-    figure.legend(*precision.get_legend_handles_labels(), loc="outside lower center", ncols=7, fontsize="small")
+    figure.legend(*precision.get_legend_handles_labels(), loc="outside upper center", ncols=4, fontsize="small")
     nodes.set(xlabel="nodes", ylabel="time per solve (ms)", title="Cost by nodes")
     names = [row.method for row in fates]
     left = [0.0] * len(fates)
@@ -45,14 +48,14 @@ def bench_figure(costs: Sequence[Cost], fates: Sequence[Fate]) -> Figure:
         left = [a + b for a, b in zip(left, widths, strict=True)]
     fate.invert_yaxis()
     fate.set(xlabel=f"% of {fates[0].scenes} random scenes", title="How they end")
-    fate.legend(loc="upper center", bbox_to_anchor=(0.4, -0.14), ncols=3, fontsize="small")
+    fate.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     figure.set_label("Error and time of each method, the outcomes of random scenes, and time by the number of nodes")
     return figure
 
 
 def outcome_map(found: Sequence[Ending], methods: Sequence[str]) -> Figure:
     """Outcomes of random scenes over tension and the feedback of the twist, one panel a method."""
-    figure, panels = plt.subplots(1, len(methods), figsize=(12, 4.6), sharey=True, layout="constrained", squeeze=False)
+    figure, panels = plt.subplots(1, len(methods), figsize=(8.2, 3.9), sharey=True, layout="constrained", squeeze=False)
     for axes, method in zip(panels[0], methods, strict=True):
         mine = [ending for ending in found if ending.method == method]
         for outcome, colour in OUTCOMES.items():
@@ -68,7 +71,7 @@ def outcome_map(found: Sequence[Ending], methods: Sequence[str]) -> Figure:
                     rasterized=len(mine) > MANY,
                 )
         axes.set(xscale="log", yscale="log", xlabel="p₃CD r₀² / K", title=method)
-        axes.legend(loc="lower right", fontsize=7, markerscale=2)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), fontsize=7, markerscale=2)
     panels[0, 0].set_ylabel("Γ = η R₀² p₃CD (1 − exp(−μφ)) / K")
     figure.set_label("Outcomes of random scenes by tension and by the feedback of the twist on itself")
     return figure

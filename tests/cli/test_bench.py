@@ -59,7 +59,7 @@ def test_the_figure_shows_the_shares() -> None:
         bench.Cost("b", "x", 1, 1e-2, 1e-5),
     ]
     figure = bench_figure(costs, [bench.Fate("a", 10, 0.7, 0.2, 0.1)])
-    widths = [patch.get_width() for patch in figure.axes[1].patches]
+    widths = [patch.get_width() for patch in figure.axes[2].patches]
     assert widths == pytest.approx([70, 20, 10])
     assert figure.axes[0].get_lines()[0].get_xdata().tolist() == pytest.approx([0.1, 0.2])
 
