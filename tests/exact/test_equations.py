@@ -6,6 +6,8 @@ from scenes import scene
 
 from models import cosserat, flexible, kirchhoff
 from models.boundary_value import Collocated, evaluated
+from models.compiled import inner
+from models.complex_step import COMPLEX_STEP, reciprocal, sine_cosine, square_root
 from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.slow_manifold import ORDERS
 
@@ -92,3 +94,21 @@ def test_jacobian_of_the_flexible_yarn_is_exact() -> None:
     problem = flexible.Flexible(scene().dimensionless().vector, chebyshev_integration(8) / 2)
     x = np.append(np.linspace(-0.4, 0.5, 9), 1.1)
     check_jacobian(flexible.jacobian_matrix(problem, x), lambda x: flexible.values(problem, x)[0], x)
+
+
+@inner
+def first_order(x):
+    """Sine, cosine, root and reciprocal as compiled code picks them by type."""
+    sine, cosine = sine_cosine(x)
+    return sine, cosine, square_root(x), reciprocal(x)
+
+
+@pytest.mark.parametrize("x", [0.3, 1.7, 25.0])
+def test_first_order_arithmetic_is_that_of_complex_numbers(x: float) -> None:
+    moved = x + 3j * COMPLEX_STEP
+    with np.errstate(under="ignore"):
+        right = np.array([np.sin(moved), np.cos(moved), np.sqrt(moved), 1 / moved])
+    found = np.array(first_order(moved))
+    np.testing.assert_allclose(found.real, right.real, rtol=1e-15)
+    np.testing.assert_allclose(found.imag, right.imag, rtol=1e-15)
+    np.testing.assert_array_equal(first_order(x), [np.sin(x), np.cos(x), np.sqrt(x), 1 / x])

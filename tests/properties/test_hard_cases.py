@@ -53,3 +53,29 @@ def test_the_printed_models_fold_is_where_solutions_end() -> None:
     assert solve_cosserat(replace(problem, friction=1.03 * fold)).outcome is Outcome.FOLD
     # Without the frame term (B = K) the same scene has a solution.
     assert solve_cosserat(replace(problem, rigidity_ratio=1.0)).outcome.ok
+
+
+@pytest.mark.parametrize("index", [376, 417, 988])
+def test_a_badly_settled_search_climbs_further(index: int) -> None:
+    # At low degrees these settle to 1e-5 … 1e-4 only, with forces of 0.2 to 0.5 % of the tension left over.
+    problem = random_scenes(index + 1)[index]
+    found = solve_cosserat(problem)
+    if index == 376:
+        assert found.outcome is Outcome.FOLD
+    else:
+        assert check(found.require()) < 1e-6
+
+
+def test_a_layer_and_the_solution_in_one_conjugate_pair_are_not_separated() -> None:
+    found = solve_cosserat(random_scenes(220)[219])
+    assert found.outcome is Outcome.NO_SCALE_SEPARATION
+    assert "R = 1 on the solution" in found.message
+
+
+@pytest.mark.parametrize("twist", [0.2, 0.3, 0.4, 0.5, 1.0])
+def test_the_printed_model_lifts_off_where_its_frame_term_pulls_more_than_tension_presses(twist: float) -> None:
+    # Without friction the yarn is a circle of constant tension and twist: N = p₃ + (B − K) τ², for B < K negative.
+    found = solve_cosserat(scene(friction=0.0, rigidity_ratio=0.5, twist_CD=twist, tension_CD=2.0))
+    normal = 2.0 - 0.5 * (2 * math.pi * twist) ** 2
+    assert found.normal_force_min == pytest.approx(normal, rel=1e-9)
+    assert found.outcome is (Outcome.CONVERGED if normal > 0 else Outcome.LIFT_OFF)
