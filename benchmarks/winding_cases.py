@@ -34,13 +34,12 @@ from models.winding.calibrate import calibrate_to_layers
 from models.winding.result import Kept
 from models.winding.scene import WindingScene
 from models.winding.solve import wind
+from pipeline.winding.study import load_winding
 
-SPEEDS = {500: 3.0, 800: 4.8, 1000: 6.0}
-"""r/min of the groove drum: m/s."""
-MODULUS = {32.8: 3.0, 65.6: 2.7, 131.2: 2.4}
-"""tex: N/tex."""
-TENSION = {32.8: 0.30, 65.6: 0.50, 131.2: 0.50}
-"""tex: N."""
+FILE = Path(__file__).parents[1] / "data_samples" / "winding" / "nine_cases.toml"
+NINE = {given.name: given.scene for given in load_winding(FILE).cases if not given.variant}
+FINENESSES, DRUMS = (32.8, 65.6, 131.2), (500, 800, 1000)
+"""tex; r/min of the groove drum."""
 START = 0.1
 """Left out of means [s]."""
 STIFF, SOFT = 2.4e7, 3.9e5
@@ -53,15 +52,7 @@ COLUMNS = (
 
 def case(tex: float, rpm: int) -> WindingScene:
     """One of the paper's nine cases."""
-    diameter, axial = 0.037e-3 * math.sqrt(tex), MODULUS[tex] * tex
-    return WindingScene(
-        linear_density=tex * 1e-6,
-        diameter=diameter,
-        axial_stiffness=axial,
-        bending_stiffness=axial * diameter**2 / 16,
-        speed=SPEEDS[rpm],
-        tension=TENSION[tex],
-    )
+    return replace(NINE[f"{tex:g} tex, {rpm} r/min"], mode="auto")
 
 
 def nine(mode: str) -> dict[str, WindingScene]:
@@ -232,13 +223,13 @@ def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
     """Span tension, layers, refinement and cost."""
     metadata = {"Date": None}
     figure, grid = plt.subplots(3, 3, figsize=(11, 7), sharex=True, layout="constrained")
-    for row, tex in zip(grid, MODULUS, strict=True):
-        for axes, rpm in zip(row, SPEEDS, strict=True):
+    for row, tex in zip(grid, FINENESSES, strict=True):
+        for axes, rpm in zip(row, DRUMS, strict=True):
             for mode, style in (("reference", "C0"), ("fast", "C1")):
                 r = runs.get(f"{mode}-{tex:g}tex-{rpm}rpm")
                 if r is not None:
                     axes.plot(r["time"], 100 * r["span"], style, lw=0.6, label=mode)
-            axes.axhline(100 * TENSION[tex], color="k", lw=0.6)
+            axes.axhline(100 * case(tex, rpm).tension, color="k", lw=0.6)
             axes.set_title(f"{tex:g} tex, {rpm} r/min", fontsize=9)
     grid[-1, -1].legend(fontsize=8)  # the case that is run first in both modes
     figure.supxlabel("time (s)")
