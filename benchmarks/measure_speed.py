@@ -55,6 +55,8 @@ RENDERED = 32
 COUNT = 512
 COUNTS = {"FFV1": 64, "scikit-image": 16}
 """Frames timed where it is not `COUNT`: these are slow."""
+PROFILED = 4000
+"""Frames of the clip whose steps are timed: hairs and turn are looked at in some hundred frames of any clip."""
 ROUNDS = 3
 CLIPS = (1000, 10_000, 100_000)
 THREADS = (2, 1)
@@ -141,10 +143,13 @@ STEPS = (
     (axis_steps, "_blocks", "block means"),
     (axis_steps, "_registered", "profile, tilt"),
     (axis_steps, "fit_profile", "diameter"),
+    (axis_steps, "fit_lit", "diameter with shadow"),
     (twist_steps, "unroll", "unroll"),
     (twist_steps, "_correlation", "correlation"),
     (twist_steps, "_search", "sums along lines"),
     (yarn_steps, "_saturated", "saturation"),
+    (yarn_steps, "hairiness", "hairs"),
+    (yarn_steps, "helix_turn", "turn of the helix"),
 )
 
 
@@ -266,7 +271,8 @@ def main(folder: Path) -> None:
             count = COUNTS["scikit-image"]
             rows.append(("scikit-image", 1, *best(lambda: structure_tensor(images, count), count)))
         reading = readers(clips, scratch / "clip.mraw")
-        steps = profile(clips[".cine"])
+        write_cine(scratch / "long.cine", images, PROFILED)
+        steps = profile(open_video(scratch / "long.cine", fps=1200, bits=12, hashed=False))
         memory = []
         for count in CLIPS:
             write_cine(scratch / "long.cine", images, count)
