@@ -127,7 +127,7 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
             and abs(math.remainder(axis.angle - before.angle, math.pi)) <= SAME_DIRECTION
         ):
             return axis
-    line = _find_line(image)
+    line = find_line(image)
     axis = None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
     if axis is not None and axis.misfit <= MAX_MISFIT:
         return axis
@@ -161,7 +161,7 @@ def _measure(
     x, y, angle, radius = line
     half = math.ceil(1.3 * radius + 6)
     for _ in range(ROUNDS):
-        low, high = _span(image.shape[0], image.shape[1], x, y, angle, float(half))
+        low, high = span(image.shape[0], image.shape[1], x, y, angle, float(half))
         if high - low < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
             return None
         x, y = _along(x, y, angle, (low + high) / 2)
@@ -220,7 +220,7 @@ def _fit_shadow(
         # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
         first, last = bright_side(profile)
         half = math.ceil(1.3 * (last - first) + 6)
-        low, high = _span(image.shape[0], image.shape[1], *centre, angle, float(half))
+        low, high = span(image.shape[0], image.shape[1], *centre, angle, float(half))
         length = 2 * math.floor(min(-low, high))
         if half > strip.shape[0] // 2 and length >= 4 * BLOCK:
             strip = straighten(image, centre, angle, half, length)
@@ -318,7 +318,7 @@ def _along(x: float, y: float, angle: float, distance: float) -> tuple[float, fl
 
 
 @compiled
-def _span(rows: int, columns: int, x: float, y: float, angle: float, half: float) -> tuple[float, float]:
+def span(rows: int, columns: int, x: float, y: float, angle: float, half: float) -> tuple[float, float]:
     """Return the positions along the axis between which a band of this half width lies inside the frame.
 
     The first is not below the second where it lies inside nowhere.
@@ -400,7 +400,7 @@ def _deviation(image: Image) -> Image:
     return deviation
 
 
-def _find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
+def find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
     """Return a point (x, y), the angle and the half width of the largest elongated thing, good to about a pixel."""
     if min(image.shape) < 4 * REDUCTION:
         return None
@@ -448,7 +448,7 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
         c, s = math.cos(angle), math.sin(angle)
         along = (xs - x) * c - (ys - y) * s
         across = (xs - x) * s + (ys - y) * c
-        low, high = _span(rows, columns, x, y, angle, half)
+        low, high = span(rows, columns, x, y, angle, half)
         # the usual median, the mean of the middle two
         ordered = np.sort(across)
         centre = (ordered[(xs.size - 1) // 2] + ordered[xs.size // 2]) / 2
