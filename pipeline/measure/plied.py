@@ -466,7 +466,7 @@ def _strands(plies: int, radius: float, blur: float, light: float, twist: float,
     """Return the strands' picture under ambient light and under the lamp, each of level 1.
 
     Along the yarn it is θ that changes, so the blur along it is one over θ, which is periodic. Left out, it would make
-    the diameter 0.5 % too small: it takes off the crests what it puts into the narrow hollows between them.
+    the diameter 0.4 % too small: it takes off the crests what it puts into the narrow hollows between them.
 
     Parameters
     ----------
