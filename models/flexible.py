@@ -57,7 +57,7 @@ Values = NDArray[Any]
 
 NAME = "flexible"
 DEGREES = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
-PRECISION = 1e-11
+PRECISION = 1e-10
 """Change of the ends between neighbouring degrees at which the refinement ends."""
 TOLERANCES = (1e-11, 1e-9)
 """Of Newton's correction and of its residuals."""
