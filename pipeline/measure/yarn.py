@@ -62,8 +62,8 @@ FARTHEST_LIGHT = 1.3
 MAX_BLUR = 0.15
 """Blur over the radius above which an edge cannot be told from the body."""
 FINE_BLUR = 0.05
-"""Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is that
-of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
+"""Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
+that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
 MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
 PAIRS = 100
