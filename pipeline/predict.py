@@ -136,7 +136,7 @@ def read_table(file: Path) -> tuple[TableScene, ...]:
     known = ["case", *SceneKeys.model_fields]
     for name in header:
         if name not in known:
-            raise InputError(f"{file}: line 1", f"unknown column '{name}'", nearest(name, known))
+            raise InputError(f"{file}: line 1", f"unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             raise InputError(f"{file}: line 1", f"column '{name}' stands twice", "keep one of them")
     required = [name for name, field in SceneKeys.model_fields.items() if field.is_required()]

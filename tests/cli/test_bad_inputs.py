@@ -219,3 +219,11 @@ def test_wrong_calls(yarnval, call, words):
     assert ran.code == 2
     assert all(word in ran.line for word in words), ran.line
     assert ran.out == ""
+
+
+def test_a_column_name_with_an_unseen_character_shows_it(yarnval, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text("case,phi_deg\x00\n1,2\n")
+    ran = yarnval("predict", table)
+    assert ran.code == 2
+    assert r"unknown column 'phi_deg\x00'" in ran.line
