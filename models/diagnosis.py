@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from models import flexible
+from models import flexible, slow_manifold
 from models.boundary_value import Array, Collocated, evaluated, linearised, solve
 from models.continuation import Branch, End, collocated_family, follow
 from models.discretisation import chebyshev_collocation, interpolation
@@ -35,7 +35,6 @@ from models.slow_manifold import (
     LARGEST_CONDITION,
     ORDERS,
     PRECISION,
-    TOLERANCES,
     Rod,
     collocation_matrices,
     rod_ends,
@@ -240,7 +239,7 @@ def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
         first = start.values(degree) if fields is None else fields @ interpolation(fields.shape[1] - 1, degree).T
         result = solve(
             rod.problem(problem.vector), ORDERS, grid, first, w,
-            step_tolerance=TOLERANCES[0], max_iterations=MAX_ITERATIONS,
+            step_tolerance=slow_manifold.TOLERANCE, max_iterations=MAX_ITERATIONS,
         )  # fmt: skip
         iterations += result.iterations
         x = np.append(result.fields, result.w)
