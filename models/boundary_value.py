@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, implement, inner
-from models.complex_step import COMPLEX_STEP
+from models.complex_step import COMPLEX_STEP, as_tuple, in_direction, store_derivatives, unit_directions
 from models.discretisation import Discretisation
 from models.newton import NewtonStatus, condition_number, jacobian, newton, residual
 
@@ -24,8 +24,8 @@ Values = NDArray[Any]
 """Real, or complex where a derivative is taken."""
 
 
-def equations(problem: Any, f: Values, w: Any, out: Values) -> None:
-    """Fill the m residuals at one point. f holds field 0 with its derivatives, then field 1, …
+def equations(problem: Any, f: Values | tuple[Any, ...], w: Any) -> tuple[Any, ...]:
+    """The m residuals at one point. f holds field 0 with its derivatives, then field 1, …
 
     Compiled code picks the function that `register` gave for the problem's type.
     """
@@ -37,13 +37,49 @@ def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> 
     raise NotImplementedError(f"no boundary conditions for {type(problem).__name__}")
 
 
-def register(kind: type[Any], own_equations: Callable[..., None], own_boundary: Callable[..., None]) -> None:
+def slopes(problem: Any, f: Array, w: float, directions: Array, out: Array) -> None:
+    """Fill the derivatives of the m residuals at one point, shape (m, a).
+
+    Parameters
+    ----------
+    f : the pointwise arguments, shape (arguments,).
+    directions : `unit_directions` of the arguments and w, shape (arguments + 1, a).
+    """
+    raise NotImplementedError(f"no equations for {type(problem).__name__}")
+
+
+def register(
+    kind: type[Any],
+    orders: NDArray[np.int64],
+    own_equations: Callable[..., tuple[Any, ...]],
+    own_boundary: Callable[..., None],
+) -> None:
     """Give a problem type (a NamedTuple of arrays and numbers) its equations and boundary conditions to compile.
 
-    The functions take the same arguments by the same names as `equations` and `boundary`.
+    Parameters
+    ----------
+    orders : highest derivative of each field in the equations, shape (m,).
+    own_equations, own_boundary : they take the same arguments by the same names as `equations` and `boundary`.
     """
-    implement(equations, kind, own_equations)
+    implement(equations, kind, own_equations, merge=True)
     implement(boundary, kind, own_boundary)
+    implement(slopes, kind, _slopes_of(orders.size, int(np.sum(orders + 1))))
+
+
+def _slopes_of(count: int, arguments: int) -> Callable[..., None]:
+    """`slopes` of so many equations by so many arguments.
+
+    All directions in one loop over local variables: real parts, which do not depend on the direction, are computed
+    once, and the loop becomes vector instructions.
+    """
+    local, moved, store = as_tuple(arguments), in_direction(arguments), store_derivatives(count)
+
+    def own_slopes(problem: Any, f: Array, w: float, directions: Array, out: Array) -> None:
+        point = local(f)
+        for a in range(directions.shape[1]):
+            store(equations(problem, moved(point, directions, a), complex(w, directions[arguments, a])), out, a)
+
+    return own_slopes
 
 
 class Collocated(NamedTuple):
@@ -82,12 +118,12 @@ def residuals(collocated: Collocated, x: Array, w: Any, value: Values) -> None:
     """Fill all residuals, shape (m n + m + 1,), real or complex as `value` is."""
     problem, orders, derivatives = collocated.problem, collocated.orders, collocated.derivatives
     m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
-    f, out = np.empty(argument_count(orders), value.dtype), np.empty(m, value.dtype)
+    f = np.empty(argument_count(orders), value.dtype)
     for j in range(n):
         pointwise_arguments(orders, derivatives, j, x, f)
-        equations(problem, f, w, out)
+        left_over = equations(problem, f, w)
         for e in range(m):
-            value[e * n + j] = out[e]
+            value[e * n + j] = left_over[e]
     left, right = np.empty(m, value.dtype), np.empty(m, value.dtype)
     for i in range(m):
         left[i], right[i] = x[i * size], x[(i + 1) * size - 1]
@@ -106,25 +142,19 @@ def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
     count = argument_count(orders)
     step = 1j * COMPLEX_STEP
     matrix.fill(0.0)
-    f, out = np.empty(count, np.complex128), np.empty(m, np.complex128)
-    slopes = np.empty((m, count))
-    w = x[-1] + 0j
+    directions = unit_directions(count + 1)
+    f, by_argument = np.empty(count), np.empty((m, directions.shape[1]))
+    w = x[-1]
     for j in range(n):
         pointwise_arguments(orders, derivatives, j, x, f)
-        for a in range(count):
-            f[a] += step
-            equations(pointwise, f, w, out)
-            f[a] = f[a].real
-            for e in range(m):
-                slopes[e, a] = out[e].imag / COMPLEX_STEP
-        equations(pointwise, f, w + step, out)
+        slopes(pointwise, f, w, directions, by_argument)
         for e in range(m):
             row_of_all, a = matrix[e * n + j], 0
-            row_of_all[-1] = out[e].imag / COMPLEX_STEP
+            row_of_all[-1] = by_argument[e, count]
             for i in range(m):
                 row = row_of_all[i * size : (i + 1) * size]
                 for k in range(orders[i] + 1):
-                    slope, weights = slopes[e, a], derivatives[k, j]
+                    slope, weights = by_argument[e, a], derivatives[k, j]
                     a += 1
                     if slope != 0.0:
                         for node in range(size):
@@ -132,7 +162,7 @@ def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
     ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
     for i in range(m):
         ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
-    ends[2 * m] = w
+    ends[2 * m] = w + 0j
     for a in range(2 * m + 1):
         ends[a] += step
         boundary(pointwise, ends[:m], ends[m : 2 * m], ends[2 * m], conditions)
@@ -176,16 +206,16 @@ def parameter_slopes(problem: Collocated, x: Array) -> Array:
 def linearised(problem: Any, f: Array, w: float, equation_count: int) -> tuple[Array, Array]:
     """The equations' residuals, shape (points, m), and their slopes, (points, m, a), at arguments f, (a, points)."""
     count, points = f.shape
-    out = np.empty(equation_count, np.complex128)
-    values, slopes = np.empty((points, equation_count)), np.empty((points, equation_count, count))
+    directions = unit_directions(count + 1)
+    values, by_argument = np.empty((points, equation_count)), np.empty((points, equation_count, count))
+    at_point = np.empty((equation_count, directions.shape[1]))
     for j in range(points):
-        argument = f[:, j].astype(np.complex128)
-        for a in range(count):
-            argument[a] += 1j * COMPLEX_STEP
-            equations(problem, argument, w + 0j, out)
-            values[j], slopes[j, :, a] = out.real, out.imag / COMPLEX_STEP
-            argument[a] = f[a, j]
-    return values, slopes
+        left_over = equations(problem, f[:, j], w)
+        for e in range(equation_count):
+            values[j, e] = left_over[e]
+        slopes(problem, f[:, j].copy(), w, directions, at_point)
+        by_argument[j] = at_point[:, :count]
+    return values, by_argument
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,31 +47,38 @@ def inner(function: Function) -> Function:
     return cast(Function, numba.njit(error_model="numpy", nogil=True)(function))
 
 
-def implement(generic: Callable[..., Any], kind: type[Any], implementation: Callable[..., Any]) -> None:
+def merged(function: Function) -> Function:
+    """Compile as a part of the loops that call it: without a call between them they can become vector instructions."""
+    return cast(Function, numba.njit(error_model="numpy", nogil=True, forceinline=True)(function))
+
+
+def implement(
+    generic: Callable[..., Any], kind: type[Any], implementation: Callable[..., Any], *, merge: bool = False
+) -> None:
     """Let compiled calls of `generic` run `implementation` where the first argument is a NamedTuple of type `kind`.
 
     This, rather than a function as an argument: machine code that holds a function's address cannot be kept on disk.
-    Both functions must name their arguments alike.
+    Both functions must name their arguments alike. With `merge` there is no call left, as for `merged`.
     """
     own = _plain(implementation)
-    _overload(generic, lambda first: own if getattr(first, "instance_class", None) is kind else None)
+    _overload(generic, lambda first: own if getattr(first, "instance_class", None) is kind else None, merge=merge)
 
 
 def implement_complex(generic: Callable[..., Any], implementation: Callable[..., Any]) -> None:
     """Let compiled calls of `generic` run `implementation` for a complex first argument and its own code for others."""
     own, real = _plain(implementation), _plain(generic)
-    _overload(generic, lambda first: own if isinstance(first, numba.types.Complex) else real)
+    _overload(generic, lambda first: own if isinstance(first, numba.types.Complex) else real, merge=True)
 
 
 def _plain(function: Callable[..., Any]) -> FunctionType:
     """The function without annotations, which numba would compare with those of the choosing function."""
     given = cast(FunctionType, function)
-    return FunctionType(given.__code__, given.__globals__, given.__name__, given.__defaults__)
+    return FunctionType(given.__code__, given.__globals__, given.__name__, given.__defaults__, given.__closure__)
 
 
-def _overload(generic: Callable[..., Any], pick: Callable[[Any], Callable[..., Any] | None]) -> None:
+def _overload(generic: Callable[..., Any], pick: Callable[[Any], Callable[..., Any] | None], *, merge: bool) -> None:
     def choose(first: Any, *_: Any) -> Callable[..., Any] | None:
         return pick(first)
 
     choose.__signature__ = inspect.signature(_plain(generic))  # pyright: ignore[reportFunctionMemberAccess]
-    overload(generic)(choose)
+    overload(generic, jit_options={"error_model": "numpy", "forceinline": merge})(choose)

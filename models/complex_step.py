@@ -5,13 +5,18 @@ second order vanish in double precision. So sine, root and reciprocal need only 
 complex ones take several times as long. Compiled code picks the real or the complex form by type.
 """
 
+from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from models.compiled import implement_complex
+from models.compiled import implement_complex, inner, merged
 
 COMPLEX_STEP = 1e-40
+VECTOR = 4
+"""Numbers of double precision that a vector instruction takes."""
 
 
 def sine_cosine(x: Any) -> tuple[Any, Any]:
@@ -47,3 +52,69 @@ def _reciprocal(x: Any) -> Any:
 implement_complex(sine_cosine, _sine_cosine)
 implement_complex(square_root, _square_root)
 implement_complex(reciprocal, _reciprocal)
+
+
+@inner
+def unit_directions(count: int) -> NDArray[np.float64]:
+    """COMPLEX_STEP along each of `count` arguments, shape (count, a): a is count or more, a multiple of VECTOR."""
+    directions = np.zeros((count, -(-count // VECTOR) * VECTOR))
+    for k in range(count):
+        directions[k, k] = COMPLEX_STEP
+    return directions
+
+
+# Functions for a number of values that is known when they are compiled: such tuples are local variables, where arrays
+# would hide from the compiler what depends on what.
+
+
+Array = NDArray[np.float64]
+
+
+@cache
+def as_tuple(count: int) -> Callable[..., tuple[float, ...]]:
+    """Compiled function (values) → the first `count` ≥ 1 as a tuple."""
+    last = count - 1
+    if last == 0:
+
+        def one(values: Array) -> tuple[float, ...]:
+            return (values[0],)
+
+        return merged(one)
+    before = as_tuple(last)
+
+    def several(values: Array) -> tuple[float, ...]:
+        return (*before(values), values[last])
+
+    return merged(several)
+
+
+@cache
+def in_direction(count: int) -> Callable[..., tuple[complex, ...]]:
+    """Compiled function (values, directions, a) → `count` numbers, their imaginary parts column a of the directions."""
+    last = count - 1
+    if last == 0:
+
+        def one(values: tuple[float, ...], directions: Array, a: int) -> tuple[complex, ...]:
+            return (complex(values[0], directions[0, a]),)
+
+        return merged(one)
+    before = in_direction(last)
+
+    def several(values: tuple[float, ...], directions: Array, a: int) -> tuple[complex, ...]:
+        return (*before(values, directions, a), complex(values[last], directions[last, a]))
+
+    return merged(several)
+
+
+@cache
+def store_derivatives(count: int) -> Callable[..., None]:
+    """Compiled function (numbers, out, a) that fills column a of out, shape (count, …), with their derivatives."""
+    last = count - 1
+    before = store_derivatives(last) if last else None
+
+    def store(numbers: tuple[complex, ...], out: Array, a: int) -> None:
+        if before is not None:
+            before(numbers, out, a)
+        out[last, a] = numbers[last].imag / COMPLEX_STEP
+
+    return merged(store)

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.boundary_value import Array, Values, register
-from models.compiled import compiled, implement, inner
+from models.compiled import compiled, implement, merged
 from models.complex_step import reciprocal, sine_cosine, square_root
 from models.diagnosis import solve_rod
 from models.flexible import integration_matrices, refine
@@ -30,7 +30,7 @@ from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
 from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search
+from models.slow_manifold import ORDERS, Matrices, Rod, collocation_matrices, normal_force, search
 
 NAME = "cosserat"
 
@@ -42,7 +42,7 @@ class Printed(NamedTuple):
     """`Dimensionless.vector`."""
 
 
-@inner
+@merged
 def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
     """−bX + aY, N and p₁ in units of p₃CD, and κ; f holds θ, θ', θ'', θ''', p₃/p₃CD, its derivative, τ, τ'."""
     theta, d1, d2, d3, p, tau, dtau = f[0], f[1], f[2], f[3], f[4], f[6], f[7]
@@ -71,16 +71,18 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any, Any]:
     return -b * X + a * Y, a * X + b * Y, p1, kappa
 
 
-def equations(problem: Printed, f: Values, w: Any, out: Values) -> None:
+def equations(problem: Printed, f: Values, w: Any) -> tuple[Any, ...]:
     """Residuals of E1 and E2, in units of p₃CD, and of E3, in units of K/r₀ + R₀ p₃CD."""
     across, normal, p1, kappa = balance(problem.scene, f)
     sine, cosine = sine_cosine(f[0])
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
-    out[0] = across + friction * cos_alpha
-    out[1] = sine * f[5] - kappa * p1 - friction * sin_alpha
     moment = problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
-    out[2] = (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment)
+    return (
+        across + friction * cos_alpha,
+        sine * f[5] - kappa * p1 - friction * sin_alpha,
+        (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment),
+    )
 
 
 def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values) -> None:
@@ -91,7 +93,7 @@ def boundary(problem: Printed, left: Values, right: Values, w: Any, out: Values)
     out[1] = right[1] - 1
 
 
-register(Printed, equations, boundary)
+register(Printed, ORDERS, equations, boundary)
 
 
 def own_normal_force(problem: Printed, f: Values) -> Any:

@@ -53,7 +53,7 @@ def boundary(problem: Any, left: Values, right: Values, w: Any, out: Values) -> 
     out[3] = w - problem.rotation
 
 
-register(PrescribedRotation, equations, boundary)
+register(PrescribedRotation, ORDERS, equations, boundary)
 
 
 def solve_cosserat_fd(scene: Scene, intervals: int = INTERVALS, *, profile: bool = True) -> Solution:

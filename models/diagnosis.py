@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from models import flexible, slow_manifold
+from models import flexible
 from models.boundary_value import Array, Collocated, evaluated, linearised, solve
 from models.continuation import Branch, End, collocated_family, follow
 from models.discretisation import chebyshev_collocation, interpolation
@@ -33,6 +33,7 @@ from models.self_consistency import STRONG_FEEDBACK, TOLERANCE, feedback, find_r
 from models.slow_manifold import (
     LARGEST_CHANGE,
     LARGEST_CONDITION,
+    NEWTON_TOLERANCE,
     ORDERS,
     PRECISION,
     Rod,
@@ -43,7 +44,7 @@ from models.slow_manifold import (
 from models.solution import PROFILE_POINTS, Fields, failed, solution
 
 WELL_SETTLED = 1e-6
-"""Stated error above which higher degrees are tried, too: of random scenes, some state less than they have."""
+"""Stated error above which higher degrees are tried, too: some random scenes state a smaller error than they have."""
 HIGHER_DEGREES = (10, 14, 18, 24, 32, 40, 48)
 SAMPLES = 41
 SHIFT = 0.3717
@@ -239,7 +240,7 @@ def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
         first = start.values(degree) if fields is None else fields @ interpolation(fields.shape[1] - 1, degree).T
         result = solve(
             rod.problem(problem.vector), ORDERS, grid, first, w,
-            step_tolerance=slow_manifold.TOLERANCE, max_iterations=MAX_ITERATIONS,
+            step_tolerance=NEWTON_TOLERANCE, max_iterations=MAX_ITERATIONS,
         )  # fmt: skip
         iterations += result.iterations
         x = np.append(result.fields, result.w)

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import inner
+from models.compiled import inner, merged
 from models.complex_step import reciprocal, square_root
 from models.scene import CYLINDER_SPEED, SPAN_RATIO, TWIST_CD, TWIST_CONGESTION, TWIST_TRAPPING, YARN_RADIUS
 
 Values = NDArray[Any]
 
 
-@inner
+@merged
 def friction_direction(scene: Values, sine: Any, cosine: Any, w: Any) -> tuple[Any, Any]:
     """The friction angle as cos α and sin α, analytic in all arguments.
 

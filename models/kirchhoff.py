@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.boundary_value import Array, Values, register
-from models.compiled import compiled, implement, inner
+from models.compiled import compiled, implement, merged
 from models.complex_step import reciprocal, sine_cosine
 from models.cosserat import boundary
 from models.diagnosis import solve_rod
@@ -28,7 +28,7 @@ from models.friction import friction_direction
 from models.outcome import Solution
 from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import Matrices, Rod, collocation_matrices, normal_force, search
+from models.slow_manifold import ORDERS, Matrices, Rod, collocation_matrices, normal_force, search
 
 NAME = "kirchhoff"
 
@@ -40,7 +40,7 @@ class Consistent(NamedTuple):
     """`Dimensionless.vector`."""
 
 
-@inner
+@merged
 def balance_by_arc(
     scene: Values, sine: Any, cosine: Any, theta: tuple[Any, ...], tension: tuple[Any, ...], twist: tuple[Any, ...]
 ) -> tuple[Any, Any, Any]:
@@ -71,7 +71,7 @@ def balance_by_arc(
     return along, across, P * sine * sine - V * sine * cosine - Q_s
 
 
-@inner
+@merged
 def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
     """Force along t and along e_v without friction, and N, in units of p₃CD; f as for the printed model, u₃ for τ."""
     theta, d1, d2, d3, P, dP, u3, du3 = f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7]
@@ -85,19 +85,21 @@ def balance(scene: Values, f: Values) -> tuple[Any, Any, Any]:
     return balance_by_arc(scene, sine, cosine, by_arc, (P, sine * dP), (u3, sine * du3))
 
 
-def equations(problem: Consistent, f: Values, w: Any, out: Values) -> None:
+def equations(problem: Consistent, f: Values, w: Any) -> tuple[Any, ...]:
     """Residuals along e_v and t, in units of p₃CD, and of the twisting moment, in units of K/r₀ + R₀ p₃CD."""
     along, across, normal = balance(problem.scene, f)
     sine, cosine = sine_cosine(f[0])
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
-    out[0] = across + friction * cos_alpha
-    out[1] = along - friction * sin_alpha
     moment = problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
-    out[2] = (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment)
+    return (
+        across + friction * cos_alpha,
+        along - friction * sin_alpha,
+        (sine * f[7] + friction * cos_alpha * moment) * reciprocal(1 + moment),
+    )
 
 
-register(Consistent, equations, boundary)
+register(Consistent, ORDERS, equations, boundary)
 
 
 def own_normal_force(problem: Consistent, f: Values) -> Any:

@@ -48,7 +48,7 @@ class Spans(NamedTuple):
     """`Dimensionless.vector`."""
 
 
-def equations(problem: Spans, f: Values, w: Any, out: Values) -> None:
+def equations(problem: Spans, f: Values, w: Any) -> tuple[Any, ...]:
     """Definitions of θ_s and θ_ss, balances along e_v and t in units of p₃CD, and that of the twisting moment.
 
     f holds θ, θ_s, θ_ss, p₃/p₃CD and u₃, each with its derivative by ψ.
@@ -58,11 +58,13 @@ def equations(problem: Spans, f: Values, w: Any, out: Values) -> None:
     along, across, normal = balance_by_arc(problem.scene, sine, cosine, by_arc, (f[6], sine * f[7]), (f[8], u3_s))
     cos_alpha, sin_alpha = friction_direction(problem.scene, sine, cosine, w)
     friction = problem.scene[FRICTION] * normal
-    out[0] = sine * f[1] - f[2]
-    out[1] = sine * f[3] - f[4]
-    out[2] = across + friction * cos_alpha
-    out[3] = along - friction * sin_alpha
-    out[4] = u3_s + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD]
+    return (
+        sine * f[1] - f[2],
+        sine * f[3] - f[4],
+        across + friction * cos_alpha,
+        along - friction * sin_alpha,
+        u3_s + friction * cos_alpha * problem.scene[YARN_RADIUS] * problem.scene[TENSION_CD],
+    )
 
 
 def boundary(problem: Spans, left: Values, right: Values, w: Any, out: Values) -> None:
@@ -78,7 +80,7 @@ def boundary(problem: Spans, left: Values, right: Values, w: Any, out: Values) -
     out[5] = length_C * right[2] + right[1]
 
 
-register(Spans, equations, boundary)
+register(Spans, ORDERS, equations, boundary)
 
 
 @compiled

@@ -192,13 +192,16 @@ def lu_solve_transposed(factors: Array, pivots: NDArray[np.int64], right: Array)
     """Solve with the transposed matrix; `right`, shape (n,), is not changed."""
     n = factors.shape[0]
     x = right.copy()
+    # By rows, which lie together, so that the inner loops become vector instructions.
     for i in range(n):
-        for j in range(i):
-            x[i] -= factors[j, i] * x[j]
         x[i] /= factors[i, i]
+        row, below, value = factors[i, i + 1 :], x[i + 1 :], x[i]
+        for j in range(row.shape[0]):
+            below[j] -= row[j] * value
     for i in range(n - 1, -1, -1):
-        for j in range(i + 1, n):
-            x[i] -= factors[j, i] * x[j]
+        row, value = factors[i, :i], x[i]
+        for j in range(i):
+            x[j] -= row[j] * value
     for k in range(n - 1, -1, -1):
         p = pivots[k]
         x[k], x[p] = x[p], x[k]

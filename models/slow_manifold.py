@@ -55,8 +55,8 @@ ARGUMENTS = 8
 DEGREES = (4, 6, 8, 10, 12, 14, 16, 18)
 PRECISION = 1e-8
 """Change of the ends between neighbouring degrees at which the search ends."""
-TOLERANCE = 1e-10
-"""Of Newton's correction: below PRECISION, above the rounding of an acceptable Jacobian. Residuals: ten times that."""
+NEWTON_TOLERANCE = 1e-10
+"""Largest correction: below PRECISION, above the rounding of an acceptable Jacobian. Residuals: ten times that."""
 SHARE_OF_CHANGE, FIRST_CHANGE = 1e-3, 1e-2
 """Newton need not be more accurate than this share of the change between the last degrees, at first of the second."""
 MAX_ITERATIONS = 60
@@ -101,7 +101,7 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
         degree = at_points.shape[1]
         x = start_values(start, degree) if rung == 0 else unknowns(fields, w, degree)
         collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
-        tolerance = max(TOLERANCE, SHARE_OF_CHANGE * min(last, FIRST_CHANGE))
+        tolerance = max(NEWTON_TOLERANCE, SHARE_OF_CHANGE * min(last, FIRST_CHANGE))
         status, count, step, value, system = newton(collocated, x, tolerance, 10 * tolerance, MAX_ITERATIONS)
         iterations += count
         condition = condition_number(system)

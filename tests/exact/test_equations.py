@@ -5,7 +5,7 @@ import pytest
 from scenes import scene
 
 from models import cosserat, flexible, kirchhoff
-from models.boundary_value import Collocated, evaluated
+from models.boundary_value import Collocated, evaluated, linearised
 from models.compiled import inner
 from models.complex_step import COMPLEX_STEP, reciprocal, sine_cosine, square_root
 from models.discretisation import chebyshev_collocation, chebyshev_integration
@@ -88,6 +88,18 @@ def test_jacobians_of_the_rods_are_exact(problem) -> None:
     x = np.append(fields, 1.1)
     collocated = Collocated(problem(scene().dimensionless().vector), ORDERS, grid.derivatives)
     check_jacobian(evaluated(collocated, x)[1], lambda x: evaluated(collocated, x)[0], x)
+
+
+@pytest.mark.parametrize(("model", "problem"), [(cosserat, cosserat.Printed), (kirchhoff, kirchhoff.Consistent)])
+def test_slopes_at_a_point_are_those_of_one_argument_at_a_time(model, problem) -> None:
+    given, w = problem(scene().dimensionless().vector), 1.1
+    point = np.array([1.3, 0.2, -0.4, 0.3, 0.9, -0.2, 7.0, 0.6])
+    values, slopes = linearised(given, point[:, None], w, 3)
+    np.testing.assert_allclose(values[0], model.equations(given, point, w), rtol=1e-14)
+    for a in range(point.size):
+        moved = point + 1j * COMPLEX_STEP * (np.arange(point.size) == a)
+        one = np.array(model.equations(given, moved, complex(w))).imag / COMPLEX_STEP
+        np.testing.assert_allclose(slopes[0, :, a], one, rtol=1e-13, atol=1e-14)
 
 
 def test_jacobian_of_the_flexible_yarn_is_exact() -> None:
