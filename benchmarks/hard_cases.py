@@ -18,7 +18,6 @@ import math
 import multiprocessing
 import sys
 import time
-import warnings
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ import matplotlib
 matplotlib.use("Agg")
 import numpy as np
 from numpy.polynomial import Chebyshev
-from scipy.integrate import solve_bvp, solve_ivp
+from scipy.integrate import solve_ivp
 from threadpoolctl import threadpool_limits
 
 from models.outcome import Outcome, Solution
@@ -36,6 +35,7 @@ from models.scene import Dimensionless, Scene
 from models.self_consistency import feedback
 from models.solve import MODELS
 from pipeline.bench import Ending, random_scenes
+from pipeline.peers import by_solve_bvp
 from pipeline.report.bench_figures import outcome_map
 
 CHECKED = ("flexible", "cosserat", "kirchhoff")
@@ -203,36 +203,8 @@ def solve_row(work: tuple[int, Scene]) -> tuple[list[Row], bool | None]:
             seconds = time.process_time() - begin
             error = check(solution) if solution.outcome.ok else math.nan
             rows.append(Row(number, model, solution.outcome, solution.message, error, seconds))
-        peer = bvp_solves(scene.dimensionless()) if number % BVP_EVERY == 0 else None
+        peer = by_solve_bvp(scene.dimensionless(), BVP_TOLERANCE)[0] if number % BVP_EVERY == 0 else None
     return rows, peer
-
-
-def bvp_solves(d: Dimensionless) -> bool:
-    """Whether scipy's solve_bvp reports success on the flexible yarn from the circle at constant tension and twist."""
-
-    def slope(_: np.ndarray, y: np.ndarray, p: np.ndarray) -> np.ndarray:
-        sine, cosine = np.sin(y[0]), np.cos(y[0])
-        spin = 2 * math.pi * d.yarn_radius * (p[0] - d.twist_CD)
-        alpha = np.arctan2(d.cylinder_speed * cosine + 1, d.cylinder_speed * sine + spin)
-        across = d.friction * np.cos(alpha) * sine
-        pull = d.friction * np.sin(alpha) * sine * y[1]
-        return np.array([across, pull, -across * d.yarn_radius * d.tension_CD * y[1]])
-
-    def ends(b: np.ndarray, c: np.ndarray, p: np.ndarray) -> np.ndarray:
-        twist_B = (b[2] - math.sin(b[0]) * math.cos(b[0])) / (2 * math.pi)
-        geometry = d.span_ratio * math.cos(b[0]) + math.cos(c[0])
-        twist_C = c[2] - math.sin(c[0]) * math.cos(c[0]) - 2 * math.pi * d.twist_CD
-        return np.array([geometry, c[1] - 1, twist_C, p[0] - d.twist_rotation(twist_B)])
-
-    psi = np.linspace(0, d.wrap_angle, 5)
-    start = np.array([np.full(5, math.pi / 2), np.ones(5), np.full(5, 2 * math.pi * d.twist_CD)])
-    guess = [d.twist_rotation(d.twist_CD)]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            return bool(solve_bvp(slope, ends, psi, start, p=guess, tol=BVP_TOLERANCE, max_nodes=2000).success)
-        except (ValueError, np.linalg.LinAlgError):
-            return False
 
 
 def main(count: int, folder: Path) -> None:

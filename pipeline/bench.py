@@ -1,8 +1,7 @@
-"""What a digit costs and how often a solve fails: each model beside scipy's solvers, in one run.
+"""What a digit costs and how often a solve fails: each model beside other programs, in one run.
 
 Warm, one thread, medians. Errors are of p₃AB at the paper's base scene (section 3), against the same model's converged
-solution. The peers solve the flexible yarn: `solve_bvp` (adaptive collocation of fourth order) from the circle at
-constant tension, and shooting (DOP853 from C to B, `root` in θ_C and n₁).
+solution. The peers (peers.py) solve the flexible yarn.
 """
 
 import csv
@@ -13,24 +12,22 @@ import subprocess
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from scipy.integrate import solve_bvp, solve_ivp
-from scipy.optimize import root
 
 from models import capstan, cosserat, flexible, kirchhoff
 from models.batch import solve_many
 from models.cosserat_fd import solve_cosserat_fd
 from models.discretisation import chebyshev_integration, chebyshev_reference
 from models.outcome import Outcome
-from models.scene import Dimensionless, Scene
+from models.scene import Scene
 from models.self_consistency import feedback
 from models.slow_manifold import Rod, collocation_matrices
 from models.solve import MODELS, ROWS
+from pipeline.peers import CASADI_ORDER, HAVE_CASADI, by_casadi, by_shooting, by_solve_bvp
 from pipeline.threads import one_thread
 
 BASE = Scene(
@@ -66,7 +63,7 @@ SECONDS = 0.2
 """Spent on timing one setting."""
 UNEXPLAINED = (Outcome.NOT_CONVERGED, Outcome.SINGULAR)
 STATED = "own choice of degree, its stated error"
-BVP, SHOOTING = "flexible by solve_bvp", "flexible by shooting"
+BVP, SHOOTING, CASADI = "flexible by solve_bvp", "flexible by shooting", "flexible by CasADi"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +130,7 @@ def random_scenes(count: int, seed: int = SEED) -> list[Scene]:
 def work_precision() -> list[Cost]:
     """Every method at rising accuracy."""
     with one_thread():
-        return [*_flexible(), *_rod(cosserat.ROD), *_rod(kirchhoff.ROD), *_differences(), *_solve_bvp(), *_shooting()]
+        return [*_flexible(), *_rod(cosserat.ROD), *_rod(kirchhoff.ROD), *_differences(), *_peers()]
 
 
 def _timed(work: Callable[[], float]) -> tuple[float, float]:
@@ -185,66 +182,21 @@ def _differences() -> Iterator[Cost]:
         yield Cost("cosserat-fd", f"{intervals} intervals", intervals + 1, abs(tension / exact - 1), seconds)
 
 
-def bvp_solution(d: Dimensionless, tolerance: float, nodes: int = 5) -> tuple[bool, float, int]:
-    """The flexible yarn by scipy's solve_bvp in θ, p₃/p₃CD, τ: success, p₃AB and the number of nodes."""
-
-    def ends(b: np.ndarray, c: np.ndarray, p: np.ndarray) -> np.ndarray:
-        twist_B = (b[2] - math.sin(b[0]) * math.cos(b[0])) / (2 * math.pi)
-        geometry = d.span_ratio * math.cos(b[0]) + math.cos(c[0])
-        twist_C = c[2] - math.sin(c[0]) * math.cos(c[0]) - 2 * math.pi * d.twist_CD
-        return np.array([geometry, c[1] - 1, twist_C, p[0] - d.twist_rotation(twist_B)])
-
-    psi = np.linspace(0, d.wrap_angle, nodes)
-    start = np.array([np.full(nodes, math.pi / 2), np.ones(nodes), np.full(nodes, 2 * math.pi * d.twist_CD)])
-    rotation = [d.twist_rotation(d.twist_CD)]
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # a diverging iterate overflows; success says what became of it
-        found = solve_bvp(
-            lambda _, y, p: _slopes(d, y, p[0]), ends, psi, start, p=rotation, tol=tolerance, max_nodes=20_000
-        )
-    return bool(found.success), float(d.tension_CD * found.y[1, 0]), int(found.x.size)
-
-
-def _slopes(d: Dimensionless, y: np.ndarray, w: float) -> np.ndarray:
-    """θ', p₃' and τ', the equations of models/flexible.py in plain numpy."""
-    sine, cosine = np.sin(y[0]), np.cos(y[0])
-    spin = 2 * math.pi * d.yarn_radius * (w - d.twist_CD)
-    alpha = np.arctan2(d.cylinder_speed * cosine + 1, d.cylinder_speed * sine + spin)
-    across, pull = d.friction * np.cos(alpha) * sine, d.friction * np.sin(alpha) * sine * y[1]
-    return np.array([across, pull, -across * d.yarn_radius * d.tension_CD * y[1]])
-
-
-def _solve_bvp() -> Iterator[Cost]:
+def _peers() -> Iterator[Cost]:
     d, exact = BASE.dimensionless(), flexible.solve_flexible(BASE, profile=False).require().ends.tension_AB
+
+    def cost(method: str, setting: str, nodes: int, work: Callable[[], float]) -> Cost:
+        tension, seconds = _timed(work)
+        return Cost(method, setting, nodes, abs(tension / exact - 1), seconds)
+
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10):
-        tension, seconds = _timed(lambda tolerance=tolerance: bvp_solution(d, tolerance)[1])
-        nodes = bvp_solution(d, tolerance)[2]
-        yield Cost(BVP, f"tol {tolerance:g}", nodes, abs(tension / exact - 1), seconds)
-
-
-def _shooting() -> Iterator[Cost]:
-    d, exact = BASE.dimensionless(), flexible.solve_flexible(BASE, profile=False).require().ends.tension_AB
-
-    def solve(tolerance: float) -> float:
-        def at_B(theta_C: float, w: float) -> np.ndarray:
-            tau_C = 2 * math.pi * d.twist_CD + math.sin(theta_C) * math.cos(theta_C)
-            path = solve_ivp(
-                lambda _, y: _slopes(d, y, w), (d.wrap_angle, 0.0), [theta_C, 1.0, tau_C], method="DOP853",
-                rtol=tolerance, atol=tolerance,
-            )  # fmt: skip
-            return path.y[:, -1]
-
-        def gap(x: np.ndarray) -> list[float]:
-            theta, _, tau = at_B(x[0], x[1])
-            twist = (tau - math.sin(theta) * math.cos(theta)) / (2 * math.pi)
-            return [d.span_ratio * math.cos(theta) + math.cos(x[0]), x[1] - d.twist_rotation(twist)]
-
-        found = root(gap, [math.pi / 2, d.twist_rotation(d.twist_CD)], tol=tolerance)
-        return d.tension_CD * at_B(*found.x)[1]
-
+        nodes = by_solve_bvp(d, tolerance)[2]
+        yield cost(BVP, f"tol {tolerance:g}", nodes, lambda tolerance=tolerance: by_solve_bvp(d, tolerance)[1])
     for tolerance in (1e-4, 1e-6, 1e-8, 1e-10):
-        tension, seconds = _timed(lambda tolerance=tolerance: solve(tolerance))
-        yield Cost(SHOOTING, f"tol {tolerance:g}", 0, abs(tension / exact - 1), seconds)
+        yield cost(SHOOTING, f"tol {tolerance:g}", 0, lambda tolerance=tolerance: by_shooting(d, tolerance))
+    for intervals in (1, 2, 4) if HAVE_CASADI else ():
+        nodes = 1 + intervals * (CASADI_ORDER + 1)
+        yield cost(CASADI, f"{intervals} × {CASADI_ORDER} points", nodes, by_casadi(d, intervals))
 
 
 def endings(count: int) -> list[Ending]:
@@ -257,7 +209,7 @@ def endings(count: int) -> list[Ending]:
             for model in (flexible.NAME, cosserat.NAME, kirchhoff.NAME):
                 outcome = MODELS[model](scene, profile=False).outcome
                 found.append(Ending(model, *place, outcome.name.lower()))
-            solved = bvp_solution(d, 1e-6, 20)[0]
+            solved = by_solve_bvp(d, 1e-6, 20)[0]
             outcome = Outcome.CONVERGED if solved else Outcome.NOT_CONVERGED
             found.append(Ending(BVP, *place, outcome.name.lower()))
     return found

@@ -5,20 +5,19 @@ from importlib.metadata import version
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import nbformat
 from matplotlib.figure import Figure
-from nbformat.notebooknode import NotebookNode
 
 from pipeline.atomic import whole_file
 from pipeline.bench import BVP, RANGES, SEED, Cost, Ending, Throughput, as_csv, fates
 from pipeline.report.bench_figures import bench_figure, outcome_map
 from pipeline.report.figures import to_svg
-from pipeline.report.notebook import heading_cell, to_html
+from pipeline.report.page import Page
 from pipeline.report.tables import html_table, number
 
 _COSTS = (
     "The error is that of p₃AB at the paper's base scene against the same model's converged solution; the time is the "
-    "median of a warm solve on one thread. Of a row that names its stated error, the error is the model's own estimate."
+    "median of a warm solve on one thread. Of a row that names its stated error, the error is the model's own "
+    "estimate. CasADi is compared where it is installed."
 )
 _ENDINGS = (
     "Random scenes far beyond practice. Explained: no solution, with the reason, which is a property of the equations "
@@ -45,7 +44,7 @@ def write_bench(
         "work_precision": _svg(bench_figure(costs, shares), "work_precision"),
         "outcome_map": _svg(outcome_map(found, methods), "outcome_map"),
     }
-    files = {**tables, "outcomes.csv": as_csv(found), "bench.html": to_html(_page(costs, found, rates, drawings))}
+    files = {**tables, "outcomes.csv": as_csv(found), "bench.html": _page(costs, found, rates, drawings)}
     files |= {f"{name}.svg": f'<?xml version="1.0" encoding="utf-8"?>\n{drawing}' for name, drawing in drawings.items()}
     for name, text in files.items():
         with whole_file(folder / name) as file:
@@ -59,34 +58,25 @@ def _svg(figure: Figure, name: str) -> str:
     return drawing
 
 
-def _page(
-    costs: Sequence[Cost], found: Sequence[Ending], rates: Sequence[Throughput], drawings: dict[str, str]
-) -> NotebookNode:
-    """The page as a notebook of outputs, which the report's own template shows."""
-    cells: list[NotebookNode] = []
-
-    def output(data: dict[str, str], metadata: dict[str, dict[str, str]] | None = None) -> None:
-        shown = nbformat.v4.new_output("display_data", data=data, metadata=metadata or {})
-        cells.append(nbformat.v4.new_code_cell("", id=f"output-{len(cells)}", outputs=[shown]))
+def _page(costs: Sequence[Cost], found: Sequence[Ending], rates: Sequence[Throughput], drawings: dict[str, str]) -> str:
+    page = Page("yarnval bench")
 
     def show(name: str, caption: str) -> None:
-        output({"image/svg+xml": drawings[name]}, {"image/svg+xml": {"name": name, "caption": caption}})
+        page.output({"image/svg+xml": drawings[name]}, {"image/svg+xml": {"name": name, "caption": caption}})
 
-    cells.append(heading_cell(1, "title", "What a digit costs, and how a solve ends", ""))
-    cells.append(heading_cell(2, "work-precision", "Error against time", _COSTS))
+    page.heading(1, "title", "What a digit costs, and how a solve ends")
+    page.heading(2, "work-precision", "Error against time", _COSTS)
     show("work_precision", "Above: error against time, and time by the number of nodes. Below: how random scenes end.")
-    output({"text/html": html_table([_cost(row) for row in costs], "Error and time of each setting", 2)})
-    cells.append(heading_cell(2, "hard-cases", "Hard cases", _ENDINGS))
+    page.html(html_table([_cost(row) for row in costs], "Error and time of each setting", 2))
+    page.heading(2, "hard-cases", "Hard cases", _ENDINGS)
     show("outcome_map", "Each point is a random scene, coloured by how the solve of that model ended.")
-    output({"text/html": html_table(_outcomes(found), "Outcomes, % of the scenes", 2)})
-    cells.append(heading_cell(2, "batches", "Batches", _RATES))
-    output({"text/html": html_table([_rate(row) for row in rates], "Scenes per second, and a table's wall time", 1)})
+    page.html(html_table(_outcomes(found), "Outcomes, % of the scenes", 2))
+    page.heading(2, "batches", "Batches", _RATES)
+    page.html(html_table([_rate(row) for row in rates], "Scenes per second, and a table's wall time", 1))
     ranges = "; ".join(f"{name} {low:.3g} to {high:.3g}" for name, (low, high) in RANGES.items())
     words = f"Made by yarnval {version('yarnval')}. Random scenes (SI units, seed {SEED}): {ranges}."
-    cells.append(heading_cell(2, "provenance", "Provenance", words))
-    page = nbformat.v4.new_notebook(cells=cells)
-    page.metadata["title"] = "yarnval bench"
-    return page
+    page.heading(2, "provenance", "Provenance", words)
+    return page.to_html()
 
 
 def _cost(row: Cost) -> dict[str, str]:

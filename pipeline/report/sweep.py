@@ -7,15 +7,13 @@ from html import escape
 from importlib.metadata import version
 from pathlib import Path
 
-import nbformat
 from matplotlib.figure import Figure
-from nbformat.notebooknode import NotebookNode
 
 from pipeline.atomic import whole_folder
 from pipeline.ingest.source import source
 from pipeline.report import sweep_figures as figures
 from pipeline.report.figures import save
-from pipeline.report.notebook import heading_cell, to_html
+from pipeline.report.page import Page
 from pipeline.report.tables import html_table, number
 from pipeline.sweep import Agreement, QuotedRow, Sweep, SweepRow, agreements, quoted_rows
 
@@ -48,8 +46,7 @@ def write_sweep(sweep: Sweep, rows: Sequence[SweepRow], folder: Path) -> None:
         _write_csv(part / "sweep.csv", sweep_table(rows))
         if quoted:
             _write_csv(part / "quoted.csv", quoted_table(quoted))
-        page = to_html(_page(sweep, rows, quoted, part))
-        (part / "sweep.html").write_text(page, encoding="utf-8")
+        (part / "sweep.html").write_text(_page(sweep, rows, quoted, part), encoding="utf-8")
 
 
 def sweep_table(rows: Iterable[SweepRow]) -> list[dict[str, object]]:
@@ -181,69 +178,59 @@ def failure(row: SweepRow) -> str:
     return f"{place}: {row.outcome}: {row.message}"
 
 
-def _page(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow], folder: Path) -> NotebookNode:
-    """The page as a notebook of outputs, which the report's own template shows; figures are saved on the way."""
-    cells: list[NotebookNode] = []
-
-    def output(data: dict[str, str], metadata: dict[str, dict[str, str]] | None = None) -> None:
-        shown = nbformat.v4.new_output("display_data", data=data, metadata=metadata or {})
-        cells.append(nbformat.v4.new_code_cell("", id=f"output-{len(cells)}", outputs=[shown]))
+def _page(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow], folder: Path) -> str:
+    """The page; figures are saved on the way."""
+    page = Page(sweep.title)
 
     def show(figure: Figure, name: str) -> None:
-        output(*save(figure, name, folder))
+        page.output(*save(figure, name, folder))
 
-    cells.append(heading_cell(1, "title", sweep.title, ""))
-    cells.append(heading_cell(2, "summary", "Summary", ""))
-    output({"text/html": _summary_html(sweep, rows, quoted)})
+    page.heading(1, "title", sweep.title)
+    page.heading(2, "summary", "Summary")
+    page.html(_summary_html(sweep, rows, quoted))
     if quoted:
-        cells.append(
-            heading_cell(
-                2,
-                "quoted",
-                "The source's numbers beside ours",
-                "Each row is a number that the source's text gives. Nothing was tuned beyond the sets of k and η that "
-                "are named; every difference stays as it came out.",
-            )
-        )
-        output({"text/html": _quoted_html(sweep, quoted)})
-        show(figures.differences(sweep, quoted), "quoted")
-        output({"text/html": _agreement_html(agreements(sweep, quoted))})
-    cells.append(
-        heading_cell(
+        page.heading(
             2,
-            "figures",
-            "What each parameter does",
-            "From the first value of each parameter to its last, by how much the yarn changes before the cylinder.",
+            "quoted",
+            "The source's numbers beside ours",
+            "Each row is a number that the source's text gives. Nothing was tuned beyond the sets of k and η that "
+            "are named; every difference stays as it came out.",
         )
+        page.html(_quoted_html(sweep, quoted))
+        show(figures.differences(sweep, quoted), "quoted")
+        page.html(_agreement_html(agreements(sweep, quoted)))
+    page.heading(
+        2,
+        "figures",
+        "What each parameter does",
+        "From the first value of each parameter to its last, by how much the yarn changes before the cylinder.",
     )
-    output({"text/html": _effects_html(sweep, rows)})
+    page.html(_effects_html(sweep, rows))
     if sweep.relation_figure:
         words = (
             "Whether bending matters beside torsion is a matter of twist per cylinder radius: little twist or a thin "
             "cylinder makes bending count, much twist or a thick cylinder lets torsion rule."
         )
-        cells.append(heading_cell(3, "relation", f"{_numbered(sweep.relation_figure)}Bending and torsion", words))
+        page.heading(3, "relation", f"{_numbered(sweep.relation_figure)}Bending and torsion", words)
         show(figures.relation(sweep, rows), sweep.relation_figure)
     for index, study in enumerate(sweep.studies):
         title = f"{_numbered(study.figure)}Effect of {study.name}"
-        cells.append(heading_cell(3, f"study-{index}", title, escape(study.note)))
+        page.heading(3, f"study-{index}", title, escape(study.note))
         if study.paths:
             show(figures.paths(sweep, rows, study), f"{study.figure}_paths")
         show(figures.effects(sweep, rows, study), study.figure)
-    cells.append(heading_cell(2, "numbers", "Numbers", f"Solutions of {sweep.source_model}; all models: sweep.csv."))
-    output({"text/html": _rows_html(sweep, rows)})
-    cells.append(heading_cell(2, "method", "Method", _METHOD))
-    cells.append(heading_cell(2, "provenance", "Provenance", ""))
+    page.heading(2, "numbers", "Numbers", f"Solutions of {sweep.source_model}; all models: sweep.csv.")
+    page.html(_rows_html(sweep, rows))
+    page.heading(2, "method", "Method", _METHOD)
+    page.heading(2, "provenance", "Provenance")
     given = source(sweep.path, sweep.path.parent)
     base = ", ".join(f"{key} = {value}" for key, value in sweep.base.items())
     words = (
         f"Base scene: {base}. Models: {', '.join(sweep.models)}. Made by yarnval {version('yarnval')} from "
         f"{given.name}, SHA-256 {given.sha256}."
     )
-    output({"text/html": f"<p>{escape(words)}</p>"})
-    page = nbformat.v4.new_notebook(cells=cells)
-    page.metadata["title"] = sweep.title
-    return page
+    page.html(f"<p>{escape(words)}</p>")
+    return page.to_html()
 
 
 def _numbered(figure: str) -> str:

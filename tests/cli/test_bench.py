@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline import bench
+from pipeline.peers import HAVE_CASADI
 from pipeline.report.bench_figures import bench_figure, outcome_map
 
 CASE = Path(__file__).parents[2] / "data_samples" / "yin2020" / "case1" / "case.toml"
@@ -25,6 +26,7 @@ def test_the_tables_and_the_figure_are_written(yarnval, tmp_path, quick) -> None
     costs = document["costs"]
     assert {cost["method"] for cost in costs} == {
         "capstan", "flexible", "cosserat", "kirchhoff", "cosserat-fd", bench.BVP, bench.SHOOTING,
+        *([bench.CASADI] if HAVE_CASADI else []),
     }  # fmt: skip
     # Each method's best setting is right: to 1e-8, or what its kind can reach.
     best = {c["method"]: min(d["relative_error_p3_AB"] for d in costs if d["method"] == c["method"]) for c in costs}
