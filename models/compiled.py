@@ -1,13 +1,14 @@
-"""Compilation to machine code by numba, kept on disk until any source file of this package changes.
+"""Compilation to machine code by numba, kept on disk until a source file changes that it may have been made from.
 
 numba's own check looks only at the file of the outermost function, so a changed equation in another file would go
-unseen: here the place on disk is named after the content of all sources.
+unseen: here the place on disk is named after the content of this package's sources, and of those beside the function.
 """
 
 import hashlib
 import inspect
 import os
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -19,23 +20,23 @@ from numba.extending import overload
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def _cache_folder() -> str:
+@cache
+def _cache_folder(package: Path) -> str:
+    """Where machine code of functions in the folder `package` is kept."""
     here = Path(__file__).parent
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(here.rglob("*.py")))).hexdigest()[:16]
-    beside = here / "__pycache__"
-    if not os.access(beside if beside.is_dir() else here, os.W_OK):
+    sources = sorted({*here.rglob("*.py"), *package.rglob("*.py")})
+    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:16]
+    beside = package / "__pycache__"
+    if not os.access(beside if beside.is_dir() else package, os.W_OK):
         beside = Path.home() / ".cache" / "yarnval"  # never a folder that others may write to: machine code is run
-    return str(beside / f"models-{digest}")
-
-
-_FOLDER = _cache_folder()
+    return str(beside / f"{package.name}-{digest}")
 
 
 def compiled(function: Function) -> Function:
     """Compile on the first call and keep the machine code on disk."""
     settings: Any = config  # numba makes its settings at import, where no type checker sees them
     shared = settings.CACHE_DIR
-    settings.CACHE_DIR = _FOLDER
+    settings.CACHE_DIR = _cache_folder(Path(inspect.getfile(function)).parent)
     try:
         return cast(Function, numba.njit(cache=True, error_model="numpy", nogil=True)(function))
     finally:
