@@ -13,8 +13,8 @@ elements. From then on it is held circumferentially and axially by the bobbin (n
 tension, bending, the yielding surface and the crossings are in equilibrium (`settle.py`).
 
 Cost. New yarn moves what lies below it the less the deeper it lies. So deep nodes count as resting at larger steps
-while yarn is laid, and the package as a whole relaxes and comes to rest each time its layers have grown by a share: once
-a package is deeper than a landing reaches, a metre costs the same however deep it is.
+while yarn is laid, and the package as a whole relaxes and comes to rest each time its layers have grown by a share:
+once a package is deeper than a landing reaches, a metre costs the same however deep it is.
 
 Left out: whirling and transverse waves, yarn lying alongside yarn without crossing it, friction between yarns.
 """

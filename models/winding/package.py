@@ -154,17 +154,17 @@ def across(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float]:
         for c in range(p.first_above[e], p.first_above[e + 1]):
             depth = approach(p, c, yarn.diameter)
             if depth > 0:
-                share = p.above_at[c] if e < k else 1 - p.above_at[c]
+                share = float(p.above_at[c] if e < k else 1 - p.above_at[c])
                 push, slope = press(depth / yarn.diameter)
                 force += p.stiffness[c] * yarn.diameter * push * share
                 stiffness += p.stiffness[c] * slope * share * share
         for q in range(p.first_below[e], p.first_below[e + 1]):
-            c = p.order_below[q]
+            c = int(p.order_below[q])
             if p.above[c] + 1 >= now.laid:
                 continue
             depth = approach(p, c, yarn.diameter)
             if depth > 0:
-                share = p.below_at[c] if e < k else 1 - p.below_at[c]
+                share = float(p.below_at[c] if e < k else 1 - p.below_at[c])
                 push, slope = press(depth / yarn.diameter)
                 force -= p.stiffness[c] * yarn.diameter * push * share
                 stiffness += p.stiffness[c] * slope * share * share

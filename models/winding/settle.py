@@ -111,7 +111,7 @@ def _wake(room: Room, k: int) -> None:
 @inner
 def _next(room: Room) -> int:
     """Take the first node out of the queue."""
-    k = room.queue[room.counts[0]]
+    k = int(room.queue[room.counts[0]])
     room.counts[0] = (room.counts[0] + 1) % room.queue.shape[0]
     room.counts[1] -= 1
     room.waiting[k] = False

@@ -1,5 +1,6 @@
 """`yarnval wind`: a fast scene end to end, logs, checkpoints, bad inputs."""
 
+import base64
 import csv
 import json
 import re
@@ -48,7 +49,7 @@ def test_the_folder_is_whole_and_its_numbers_agree(yarnval, small, tmp_path):
     folder = tmp_path / "out/small"
     assert {path.name for path in folder.iterdir()} == page.CONTENTS
     assert {path.name for path in folder.parent.iterdir()} == {"small"}
-    for path in (folder / "figures").iterdir():
+    for path in (folder / "figures").glob("*.svg"):
         ET.parse(path)
     document = json.loads(ran.out)
     fine, coarse = document["cases"]
@@ -83,7 +84,9 @@ def test_the_folder_is_whole_and_its_numbers_agree(yarnval, small, tmp_path):
     assert "A &lt;small&gt; winding" in html
     assert "Lengths &amp; speeds" in html
     assert f'<data value="{fine["span"]["mean_cN"]!r}">' in html
-    assert html.count("<figure>") == 6
+    assert html.count("<figure>") == 7  # with the animation, which moves only when opened
+    animation = (folder / "figures/winding.gif").read_bytes()
+    assert f'<img src="data:image/gif;base64,{base64.b64encode(animation).decode()}" alt="The winding, ' in html
     assert "<script" not in html
     assert str(tmp_path) not in html + json.dumps(provenance)
 

@@ -93,9 +93,9 @@ def test_forces_are_the_gradient_of_the_energy_that_is_stated():
 def wind_rings(rings: int, ring: float, contact: float, core: float) -> np.ndarray:
     """Tension left in rings wound one by one at T₀ on a core, N: the thin-ring model of a wound roll.
 
-    A ring resists a radial shift u by `ring` · u, the ring below by `contact`, the core by `core` [N/m]; T₀ presses with
-    T₀ `ring` / (dT/du). A ring sinks at constant tension while it is wound, in the core by `SUNK` of what the core yields,
-    and then loses tension in proportion to its further shift. Linear, so that the shifts of all windings add.
+    A ring resists a radial shift u by `ring` · u, the ring below by `contact`, the core by `core` [N/m]. A ring sinks
+    at constant tension while it is wound, in the core by `SUNK` of what the core yields, and loses tension in
+    proportion to its further shift. Linear, so that the shifts of all windings add.
     """
     shift = np.zeros(rings)
     pressure = 1.0  # cancels
@@ -114,8 +114,11 @@ def wind_rings(rings: int, ring: float, contact: float, core: float) -> np.ndarr
 
 
 def test_layers_keep_the_tension_of_wound_rings():
-    """A yarn that crosses itself at every node is a stack of rings, and far from the core the ring below n others keeps ρⁿ
-    of its tension, ρ the share of a shift that a ring passes on to the next: the middle of a high package is slack."""
+    """A yarn that crosses itself at every node is a stack of rings.
+
+    Far from the core the ring below n others keeps ρⁿ of its tension, ρ the share of a shift that a ring passes on to
+    the next: the middle of a high package is slack.
+    """
     rings, nodes, angle_step, contact = 24, 60, 0.065, 3.0e3
     yarn = Yarn(axial=315.0, bending=0.0, diameter=1e-3, surface=2.4e7)
     p = stack(rings, nodes, 1, np.zeros(1), contact, angle_step)
