@@ -42,7 +42,8 @@ BATCH = 24
 AHEAD = 8
 """Nodes beyond a batch that are laid on trial: yarn ahead lifts what lies up to √(2 R d) before it."""
 SETTLED = 1e-7
-"""Radial step [m] below which a node rests."""
+"""Radial step [m] below which a node rests. Against 1e-9 m at every depth, and the whole at rest after every layer, no
+layer of 9 m changes by more than 0.0005 T₀, of 30 m by more than 0.006 T₀."""
 FADE = 1.0
 """Growth of that step per layer of depth, over itself, while yarn is laid."""
 GROWTH = 1.2
