@@ -6,7 +6,8 @@ STUDY is one of
     fast        nine cases, fast mode
     reference   nine cases, reference mode, one process per core, niced; minutes to an hour
     refine      a short package of ten layers in both modes at 4, 2 and 1 mm, stiff and soft
-    cost        fast mode from 1 to 90 m, reference mode from 1 to 3 m
+    cost        fast mode from 1 to 180 m, reference mode from 1 to 3 m
+    deep        30 layers of a short package in both modes at 4 mm
     calibrate   the layers of the soft run of `reference` taken as if measured: fitted on the fast mode, then run with
                 the fitted values in the reference mode
     figures     tables and figures of all runs that are there
@@ -40,6 +41,8 @@ FILE = Path(__file__).parents[1] / "data_samples" / "winding" / "nine_cases.toml
 NINE = {given.name: given.scene for given in load_winding(FILE).cases if not given.variant}
 FINENESSES, DRUMS = (32.8, 65.6, 131.2), (500, 800, 1000)
 """tex; r/min of the groove drum."""
+LENGTHS = (1, 3, 9, 30, 90, 180)
+"""Yarn wound [m]."""
 START = 0.1
 """Left out of means [s]."""
 STIFF, SOFT = 2.4e7, 3.9e5
@@ -78,10 +81,16 @@ def refine() -> dict[str, WindingScene]:
     return scenes
 
 
+def deep() -> dict[str, WindingScene]:
+    """30 layers of the short package: does the middle of a high package lose its tension in both modes?"""
+    short = replace(case(131.2, 1000), turns_per_cycle=1.55, duration=1.56, element_length=4e-3)
+    return {f"deep-{mode}": replace(short, mode=mode) for mode in ("fast", "reference")}
+
+
 def cost() -> dict[str, WindingScene]:
     """131.2 tex at 1000 r/min by length."""
     scenes = {}
-    for metres in (1, 3, 9, 30, 90):
+    for metres in LENGTHS:
         scene = replace(case(131.2, 1000), duration=0.025 + metres / 6.0)
         scenes[f"cost-fast-{metres}m"] = replace(scene, mode="fast")
         if metres <= 3:
@@ -89,7 +98,13 @@ def cost() -> dict[str, WindingScene]:
     return scenes
 
 
-STUDIES = {"fast": lambda: nine("fast"), "reference": lambda: nine("reference"), "refine": refine, "cost": cost}
+STUDIES = {
+    "fast": lambda: nine("fast"),
+    "reference": lambda: nine("reference"),
+    "refine": refine,
+    "cost": cost,
+    "deep": deep,
+}
 
 
 def calibrate(folder: Path) -> None:
@@ -206,10 +221,10 @@ def tables(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
             )
     with (folder / "winding_layers.csv").open("w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(["run", *(f"layer_{k}" for k in range(1, 11))])
+        table.writerow(["run", *(f"layer_{k}" for k in range(1, 31))])
         for name, r in runs.items():
             if not name.startswith("cost"):
-                table.writerow([name, *(f"{x:.3f}" for x in r["layers"][:10])])
+                table.writerow([name, *(f"{x:.3f}" for x in r["layers"][:30])])
 
 
 def by_phase(r: dict[str, np.ndarray], bins: int = 40) -> np.ndarray:
@@ -253,7 +268,7 @@ def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
 
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     for mode in ("fast", "reference"):
-        lengths = [m for m in (1, 3, 9, 30, 90) if f"cost-{mode}-{m}m" in runs]
+        lengths = [m for m in LENGTHS if f"cost-{mode}-{m}m" in runs]
         axes.loglog(lengths, [runs[f"cost-{mode}-{m}m"]["numbers"][1] for m in lengths], "o-", label=mode)
     axes.set(xlabel="yarn wound (m)", ylabel="CPU time (s)")
     axes.legend()
@@ -281,7 +296,7 @@ def main(study: str, folder: Path) -> None:
         calibrate(folder)
     elif study != "figures":
         scenes = STUDIES[study]()
-        if study in ("reference", "refine"):
+        if study in ("reference", "refine", "deep"):
             with ProcessPoolExecutor(2) as pool:
                 for line in pool.map(_niced, scenes.keys(), scenes.values(), [folder] * len(scenes)):
                     print(line, flush=True)

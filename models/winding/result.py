@@ -137,6 +137,6 @@ class WindingResult:
     time_step_limit: float = math.nan
     """Limit of stability [s]; NaN in the fast mode."""
     element_steps: int = 0
-    """Elements times time steps computed."""
+    """Elements times time steps computed; in the fast mode visits to nodes."""
     wall_s: float = math.nan
     """Elapsed time of the computation [s], without compilation where it was compiled before."""

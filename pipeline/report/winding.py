@@ -21,6 +21,7 @@ from pipeline.report import winding_tables as tables
 from pipeline.report.figures import save
 from pipeline.report.notebook import heading_cell, to_html
 from pipeline.report.tables import to_json
+from pipeline.report.winding_animation import animation_html, write_animation
 from pipeline.store import write_tree
 from pipeline.winding.calibration import CalibratedStudy
 from pipeline.winding.findings import DIFFERENCE, RISE, WEAK, Finding, findings, weak_inside
@@ -126,6 +127,12 @@ class _Page:
     def show(self, figure: Figure, name: str) -> None:
         self._output(*save(figure, name, self._folder))
 
+    def animation(self, row: Row) -> str:
+        """Save the animation of a run; what shows it."""
+        path = self._folder / "figures" / "winding.gif"
+        write_animation(row, path)
+        return animation_html(path, row)
+
     def _output(self, data: dict[str, str], metadata: dict[str, dict[str, str]] | None = None) -> None:
         shown = nbformat.v4.new_output("display_data", data=data, metadata=metadata or {})
         self.cells.append(nbformat.v4.new_code_cell("", id=f"output-{len(self.cells)}", outputs=[shown]))
@@ -167,6 +174,8 @@ def _compose(
     page.html(tables.layers_html(base))
     page.heading(2, "frames", "The winding in frames")
     page.show(figures.frames(drawn), "frames")
+    if drawn.result.snapshots:
+        page.html(page.animation(drawn))
     if changes:
         _sensitivity(page, rows, changes)
     page.heading(2, "numbers", "Numbers", "All of them: runs.csv, layers.csv and results.nc.")

@@ -185,12 +185,13 @@ def frames(row: Row) -> Figure:
     figure.get_layout_engine().set(w_pad=0, h_pad=0.02)  # pyright: ignore[reportOptionalMemberAccess, reportCallIssue]
     moments = scene.duration * np.arange(1, _FRAMES + 1) / _FRAMES
     for axes, moment in zip(figure.subplots(_FRAMES // 2, 2).ravel(), moments, strict=True):
-        _frame(axes, result, float(moment))
+        frame(axes, result, float(moment))
         axes.set_title(f"{moment:.2f} s", fontsize=10)
     return figure
 
 
-def _frame(axes: Axes, result: WindingResult, moment: float) -> None:
+def frame(axes: Axes, result: WindingResult, moment: float) -> None:
+    """Bobbin, laid yarn, guide and the yarn between them at one moment [s]."""
     scene = result.scene
     laid = laid_by(result.snapshots, moment)
     bobbin = _bobbin(scene)

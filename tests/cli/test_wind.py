@@ -1,5 +1,6 @@
 """`yarnval wind`: a fast scene end to end, logs, checkpoints, bad inputs."""
 
+import base64
 import csv
 import json
 import re
@@ -48,7 +49,7 @@ def test_the_folder_is_whole_and_its_numbers_agree(yarnval, small, tmp_path):
     folder = tmp_path / "out/small"
     assert {path.name for path in folder.iterdir()} == page.CONTENTS
     assert {path.name for path in folder.parent.iterdir()} == {"small"}
-    for path in (folder / "figures").iterdir():
+    for path in (folder / "figures").glob("*.svg"):
         ET.parse(path)
     document = json.loads(ran.out)
     fine, coarse = document["cases"]
@@ -83,7 +84,10 @@ def test_the_folder_is_whole_and_its_numbers_agree(yarnval, small, tmp_path):
     assert "A &lt;small&gt; winding" in html
     assert "Lengths &amp; speeds" in html
     assert f'<data value="{fine["span"]["mean_cN"]!r}">' in html
-    assert html.count("<figure>") == 6
+    assert html.count("<figure>") == 7  # with the animation, which moves only when opened
+    animation = (folder / "figures/winding.gif").read_bytes()
+    assert f'src="data:image/gif;base64,{base64.b64encode(animation).decode()}"' in html
+    assert 'alt="The winding, ' in html
     assert "<script" not in html
     assert str(tmp_path) not in html + json.dumps(provenance)
 
@@ -253,3 +257,22 @@ def test_every_case_has_its_own_checkpoint(small, tmp_path):
     assert len(set(names)) == len(cases) == len(kept)
     assert all(re.fullmatch(r"state-[0-9A-Za-z.-]+\.npz", name) for name in names)
     assert checkpoints(tmp_path / "state.npz", cases[:1])["fine"].path.name == "state.npz"
+
+
+def test_a_finished_reference_run_is_read_back_for_its_page(yarnval, small, tmp_path):
+    edit(small, "duration_s = 0.4", "duration_s = 0.2")
+    call = ("wind", small, "--mode", "reference", "--case", "fine", "--checkpoint", tmp_path / "state.npz")
+    assert yarnval(*call, "--out", tmp_path / "first").code == 0
+    study = load_winding(small, only="fine", mode="reference")
+    told: list[float] = []
+    kept = checkpoints(tmp_path / "state.npz", study.cases)
+    run_winding(study, checkpoints=kept, progress=lambda share, _: told.append(share))
+    assert told in ([], [1.0])  # nothing left to be wound
+    assert yarnval(*call, "--out", tmp_path / "again").code == 0
+    first, again = ((tmp_path / name / "small" / "layers.csv").read_bytes() for name in ("first", "again"))
+    assert first == again
+    tension = [
+        store.read_tree(tmp_path / name / "small" / "results.nc", FORMAT)["runs/run_0/span_tension"].values
+        for name in ("first", "again")
+    ]
+    assert np.array_equal(*tension)

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from models.winding.result import WindingOutcome
 from pipeline import store
-from pipeline.report import package_picture, winding_figures
+from pipeline.report import package_picture, winding_animation, winding_figures
 from pipeline.report import winding as page
 from pipeline.report import winding_tables as tables
 from pipeline.winding.findings import Verdict, findings, fineness, layers, rise
@@ -162,6 +162,23 @@ def test_frames_hold_what_was_laid_by_then(study):
     assert np.array_equal(laid[0], shots[1].position[:75])
     assert winding_figures.laid_by(shots, 0.0) is None
     assert len(winding_figures.frames(shown).axes) == 6
+
+
+def test_the_animation_is_small_and_the_same_again(study, tmp_path):
+    shown = winding_study.made_up(study)[1]
+    moments = winding_animation.moments(shown)
+    assert np.all(np.diff(moments) >= 0)
+    assert moments[winding_animation.SLOW_FRAMES - 1] == pytest.approx(0.2)  # two layers of 0.1 s
+    assert moments[-1] == shown.result.time[-1]
+    for name in ("once.gif", "twice.gif"):
+        winding_animation.write_animation(shown, tmp_path / name)
+    once = (tmp_path / "once.gif").read_bytes()
+    assert once == (tmp_path / "twice.gif").read_bytes()
+    assert once.startswith(b"GIF89a")
+    assert len(once) < 1e6
+    html = winding_animation.animation_html(tmp_path / "once.gif", shown)
+    assert html.startswith("<details>")
+    assert 'alt="The winding, coarse, 1000 r/min:' in html
 
 
 def test_turns_of_the_guide(study):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from winding_scenes import winding_scene
 
 from models.winding.drive import travel, traverse
-from models.winding.fast import SUNK
+from models.winding.package import SUNK
 from models.winding.result import WindingOutcome, WindingResult
 from models.winding.solve import wind
 

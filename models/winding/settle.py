@@ -1,0 +1,328 @@
+"""Rest of the package: the minimum of its energy (`package.py`), found where something moves.
+
+A node that is moved alone hands a disturbance on by one contact, so that a stack of L layers needs of the order of L²
+visits to each node. Here a queue of nodes that are moved alone only finds which nodes move; those are then corrected
+together by Newton's method with conjugate gradients, which reach through the stack, and the queue looks whether any
+node is left, beyond them or among them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import compiled, inner
+from models.winding.package import Laying, Package, Yarn, across, along, approach, press
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SWEEPS = 2
+"""Moves alone per visited node before all are corrected together. With 1, the nodes are found in more rounds."""
+NEWTON = 6
+"""Newton steps per correction."""
+GRADIENTS = 40
+"""Conjugate gradients per Newton step."""
+INEXACT = 0.1
+"""Share of the force left by them: more exact steps are wasted while contacts still open and close."""
+REST = 0.5
+"""Corrected nodes rest when the step of each alone is below this share of what the queue allows."""
+OVERSHOOT = 0.3
+"""Newton steps are shortened where the force against them exceeds this share of the force along them at their start."""
+LONGEST = 0.25
+"""Longest Newton step of a node over the diameter: the approach at which contact hardens is two of them."""
+SHORTENED = 6
+"""Times a Newton step is shortened."""
+ROUNDS = 40
+"""Of queue and correction; two are usual."""
+
+
+class Room(NamedTuple):
+    """Room for `settle`, empty between its calls; n nodes, m crossings. `visited` arrays have shape (n + 1,): the last
+    entry stands for all nodes that were not visited and are held.
+    """
+
+    queue: Integers
+    """A ring of nodes, shape (n,)."""
+    waiting: NDArray[np.bool_]
+    """Whether a node is in it, shape (n,)."""
+    counts: Integers
+    """Head of the queue, nodes in it, nodes visited, crossings that press, shape (4,)."""
+    visited: Integers
+    """Nodes in the order of their first visit, shape (n,)."""
+    place: Integers
+    """Of each node in that order, −1 if not visited, shape (n + 2,)."""
+    force: Array
+    """Outwards [N]; of visited nodes, as all below."""
+    stiffness: Array
+    """[N/m]."""
+    next_one: Array
+    """Coupling to the next node along the yarn [N/m]."""
+    next_two: Array
+    """Coupling to the next but one [N/m]."""
+    step: Array
+    """[m]."""
+    rest: Array
+    """Force that the step leaves [N]."""
+    direction: Array
+    """[m]."""
+    image: Array
+    """Stiffness times direction [N]."""
+    moved: Array
+    """By the last correction [m]."""
+    ends: Integers
+    """Places of the four nodes at each crossing that presses, shape (m, 4)."""
+    arms: Array
+    """Derivatives of its approach in their heights, shape (m, 4)."""
+    slopes: Array
+    """Its stiffness [N/m], shape (m,)."""
+
+
+def new_room(p: Package) -> Room:
+    """Room for the whole of `p`."""
+    n, m = p.height.size, p.below.size
+    return Room(
+        np.empty(n, np.int64),
+        np.zeros(n, np.bool_),
+        np.zeros(4, np.int64),
+        np.empty(n, np.int64),
+        np.full(n + 2, -1),
+        *(np.zeros(n + 1) for _ in range(9)),
+        ends=np.empty((m, 4), np.int64),
+        arms=np.empty((m, 4)),
+        slopes=np.empty(m),
+    )
+
+
+@inner
+def _wake(room: Room, k: int) -> None:
+    """Put node k into the queue, and among the visited."""
+    if room.waiting[k]:
+        return
+    room.waiting[k] = True
+    room.queue[(room.counts[0] + room.counts[1]) % room.queue.shape[0]] = k
+    room.counts[1] += 1
+    if room.place[k] < 0:
+        room.place[k] = room.counts[2]
+        room.visited[room.counts[2]] = k
+        room.counts[2] += 1
+
+
+@inner
+def _next(room: Room) -> int:
+    """Take the first node out of the queue."""
+    k = int(room.queue[room.counts[0]])
+    room.counts[0] = (room.counts[0] + 1) % room.queue.shape[0]
+    room.counts[1] -= 1
+    room.waiting[k] = False
+    return k
+
+
+@inner
+def _wake_around(p: Package, yarn: Yarn, room: Room, k: int, laid: int, step: float, new: bool) -> None:
+    """Wake what a `step` of node k acts on: its neighbours along the yarn, and the nodes of the elements that touch its
+    two elements or touched them before; of these only those not yet visited if `new`.
+    """
+    for other in range(max(k - 2, 1), min(k + 3, laid)):
+        if other != k and (room.place[other] < 0 or not new):
+            _wake(room, other)
+    for e in range(max(k - 1, 0), min(k + 1, laid - 1)):
+        for side in range(2):
+            first = p.first_above if side == 0 else p.first_below
+            for q in range(first[e], first[e + 1]):
+                c = q if side == 0 else p.order_below[q]
+                crossed = p.below[c] if side == 0 else p.above[c]
+                if crossed + 1 >= laid or approach(p, c, yarn.diameter) < -step:
+                    continue
+                for other in range(crossed, crossed + 2):
+                    if other > 0 and (room.place[other] < 0 or not new):
+                        _wake(room, other)
+
+
+@inner
+def _assemble(p: Package, yarn: Yarn, room: Room, now: Laying) -> None:
+    """Forces on the visited nodes and their stiffness, all other nodes held."""
+    count, held = room.counts[2], room.queue.shape[0]
+    for a in range(count):
+        force, stiffness, next_one, next_two = along(p, yarn, now, room.visited[a])
+        room.force[a], room.stiffness[a], room.next_one[a], room.next_two[a] = force, stiffness, next_one, next_two
+    pressing = 0
+    for a in range(count):
+        k = room.visited[a]
+        for e in range(max(k - 1, 0), min(k + 1, now.laid - 1)):
+            for side in range(2):
+                first = p.first_above if side == 0 else p.first_below
+                for q in range(first[e], first[e + 1]):
+                    c = q if side == 0 else p.order_below[q]
+                    low, high = p.below[c], p.above[c]
+                    if high + 1 >= now.laid:
+                        continue
+                    # Each crossing once: from the first of its four nodes that was visited.
+                    owner = -1
+                    for node in (high + 1, high, low + 1, low):
+                        if room.place[node] >= 0:
+                            owner = node
+                    depth = approach(p, c, yarn.diameter)
+                    if owner != k or depth <= 0:
+                        continue
+                    push, slope = press(depth / yarn.diameter)
+                    push *= p.stiffness[c] * yarn.diameter
+                    slope *= p.stiffness[c]
+                    s, t = p.below_at[c], p.above_at[c]
+                    arms = (1 - s, s, t - 1, -t)
+                    for i, node in enumerate((low, low + 1, high, high + 1)):
+                        b = room.place[node] if room.place[node] >= 0 else held
+                        room.ends[pressing, i], room.arms[pressing, i] = b, arms[i]
+                        room.force[b] -= push * arms[i]
+                        room.stiffness[b] += slope * arms[i] * arms[i]
+                    room.slopes[pressing] = slope
+                    pressing += 1
+    room.counts[3] = pressing
+
+
+@inner
+def _apply(room: Room) -> None:
+    """Image ← stiffness · direction."""
+    count, held = room.counts[2], room.queue.shape[0]
+    x, y = room.direction, room.image
+    x[held] = 0.0
+    for a in range(count):
+        y[a] = room.stiffness[a] * x[a]
+    for a in range(count):
+        b, c = room.place[room.visited[a] + 1], room.place[room.visited[a] + 2]
+        if b >= 0:
+            y[a] += room.next_one[a] * x[b]
+            y[b] += room.next_one[a] * x[a]
+        if c >= 0:
+            y[a] += room.next_two[a] * x[c]
+            y[c] += room.next_two[a] * x[a]
+    for c in range(room.counts[3]):
+        change = 0.0
+        for i in range(4):
+            change += room.arms[c, i] * x[room.ends[c, i]]
+        for i in range(4):
+            a, arm = room.ends[c, i], room.arms[c, i]
+            y[a] += room.slopes[c] * arm * (change - arm * x[a])  # its own share is in the stiffness
+
+
+@inner
+def _newton_step(room: Room) -> int:
+    """Step ← stiffness⁻¹ · force to `INEXACT`, by conjugate gradients scaled by the nodes' stiffness; their number."""
+    count = room.counts[2]
+    size = 0.0
+    for a in range(count):
+        room.step[a], room.rest[a] = 0.0, room.force[a]
+        room.direction[a] = room.force[a] / room.stiffness[a]
+        size += room.rest[a] * room.direction[a]
+    goal = INEXACT * INEXACT * size
+    for done in range(GRADIENTS):
+        if size <= goal:
+            return done
+        _apply(room)
+        curvature = 0.0
+        for a in range(count):
+            curvature += room.direction[a] * room.image[a]
+        share, before = size / curvature, size
+        size = 0.0
+        for a in range(count):
+            room.step[a] += share * room.direction[a]
+            room.rest[a] -= share * room.image[a]
+            size += room.rest[a] * room.rest[a] / room.stiffness[a]
+        for a in range(count):
+            room.direction[a] = room.rest[a] / room.stiffness[a] + size / before * room.direction[a]
+    return GRADIENTS
+
+
+@inner
+def _work(room: Room) -> tuple[float, float]:
+    """Force along the step [N m], and the longest step of a node [m]."""
+    along_step, longest = 0.0, 0.0
+    for a in range(room.counts[2]):
+        along_step += room.force[a] * room.step[a]
+        longest = max(longest, abs(room.step[a]))
+    return along_step, longest
+
+
+@inner
+def _rests(now: Laying, k: int, settled: float, fade: float) -> float:
+    """Step [m] below which node k rests."""
+    return settled * (1 + fade * (now.laid - k))
+
+
+@inner
+def _correct(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade: float) -> int:
+    """Newton steps of all visited nodes together, until they rest; the number of visits to nodes."""
+    count = room.counts[2]
+    room.moved[:count] = 0.0
+    _assemble(p, yarn, room, now)
+    visits = count
+    for _ in range(NEWTON):
+        visits += count * _newton_step(room)
+        start, longest = _work(room)
+        share, taken = min(1.0, LONGEST * yarn.diameter / max(longest, settled)), 0.0
+        for _ in range(SHORTENED):
+            for a in range(count):
+                p.height[room.visited[a]] += (share - taken) * room.step[a]
+            taken = share
+            _assemble(p, yarn, room, now)
+            visits += count
+            end, _ = _work(room)
+            if end >= -OVERSHOOT * start:
+                break
+            share *= max(start / (start - end), 0.1)
+        left = 0.0
+        for a in range(count):
+            room.moved[a] += taken * room.step[a]
+            alone = abs(room.force[a]) / room.stiffness[a]
+            left = max(left, alone / _rests(now, room.visited[a], settled, fade))
+        if left <= REST:
+            break
+    return visits
+
+
+@compiled
+def settle(p: Package, yarn: Yarn, room: Room, start: int, now: Laying, settled: float, fade: float) -> int:
+    """Bring nodes start … laid − 1, and whatever they move, to rest; the number of visits to nodes.
+
+    Parameters
+    ----------
+    room : from `new_room`.
+    settled : step [m] below which the last node laid rests.
+    fade : growth of that step per node before the last, over itself.
+    """
+    counts = room.counts
+    visits = 0
+    for k in range(max(start, 1), now.laid):
+        _wake(room, k)
+    if start == 0:  # All nodes are there to be corrected, none has to be found.
+        visits += _correct(p, yarn, room, now, settled, fade)
+    for _ in range(ROUNDS):
+        alone = 0
+        while counts[1] > 0 and alone < SWEEPS * counts[2]:
+            k = _next(room)
+            alone += 1
+            force, stiffness, _, _ = along(p, yarn, now, k)
+            pressed, resisting = across(p, yarn, now, k)
+            step = (force + pressed) / (stiffness + resisting)
+            p.height[k] += step
+            if abs(step) > _rests(now, k, settled, fade):
+                _wake_around(p, yarn, room, k, now.laid, abs(step), False)
+        visits += alone
+        if counts[1] == 0:
+            break
+        visits += _correct(p, yarn, room, now, settled, fade)
+        while counts[1] > 0:
+            _next(room)
+        for a in range(counts[2]):
+            k = room.visited[a]
+            rests = _rests(now, k, settled, fade)
+            if abs(room.force[a]) > rests * room.stiffness[a]:
+                _wake(room, k)
+            if abs(room.moved[a]) > rests:
+                _wake_around(p, yarn, room, k, now.laid, abs(room.moved[a]), True)
+    while counts[1] > 0:
+        _next(room)
+    for a in range(counts[2]):
+        room.place[room.visited[a]] = -1
+    counts[0], counts[2] = 0, 0
+    return visits
