@@ -15,7 +15,7 @@ edge that faces the lamp is seen well, so each start keeps that edge.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -42,7 +42,7 @@ SETTLED = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class LitProfile:
-    """A fitted profile, lengths in pixels."""
+    """A fitted profile, lengths in its rows or in pixels."""
 
     offset: float
     """Place of the axis, from the middle row."""
@@ -60,21 +60,30 @@ class LitProfile:
     misfit: float
     """Root mean square of the residuals over the range of the profile."""
 
+    @classmethod
+    def start(cls, offset: float, radius: float, blur: float, light: float) -> "LitProfile":
+        """Where a fit starts: the levels, which are linear, need none."""
+        return cls(offset, radius, blur, light, math.nan, math.nan, math.nan, math.nan)
 
-def fit_lit(profile: Array, weight: Array, starts: list[tuple[float, float, float, float]]) -> LitProfile | None:
+    def scaled(self, factor: float) -> "LitProfile":
+        """The same in another unit of length."""
+        return replace(self, offset=self.offset * factor, radius=self.radius * factor, blur=self.blur * factor)
+
+
+def fit_lit(profile: Array, weight: Array, starts: list[LitProfile]) -> LitProfile | None:
     """Fit the profile from each start and return the best fit; None where none stays inside of its bounds.
 
     Parameters
     ----------
     profile, weight : shape (2h + 1,), the middle row at w = 0.
-    starts : offset, radius, blur [px] and α [rad] to start from.
+    starts : where to start from, lengths in rows, as those of what is returned.
     """
     half = profile.size // 2
     low, high = np.array([-half, 1.5, math.log(0.3), -FARTHEST]), np.array([half, half - 1.0, math.log(half), FARTHEST])
-    nodes, shares = _quadrature(8 * math.ceil(NODES * max(start[1] for start in starts) / 8))
+    nodes, shares = _quadrature(8 * math.ceil(NODES * max(start.radius for start in starts) / 8))
     best = None
     for start in starts:
-        at = np.clip([start[0], start[1], math.log(start[2]), start[3]], low, high)
+        at = np.clip([start.offset, start.radius, math.log(start.blur), start.light], low, high)
         squares, levels, misfit = _fit(profile, weight, at, low, high, nodes, shares)
         inside = np.all((at[:3] > low[:3]) & (at[:3] < high[:3]))
         # a lamp that takes light away is none
@@ -94,13 +103,14 @@ def bright_side(profile: Array) -> tuple[float, float]:
     return float(bright[0] - profile.size // 2), float(bright[-1] - profile.size // 2)
 
 
-def side_starts(profile: Array, blur: float) -> list[tuple[float, float, float, float]]:
+def side_starts(profile: Array, blur: float) -> list[LitProfile]:
     """Starts with the lamp on either side: R(1 + cos α) of the width is bright, from the edge that faces the lamp."""
     first, last = bright_side(profile)
     starts = []
     for light in STARTS:
         radius = max(last - first, 2.0) / (1 + math.cos(light))
-        starts += [(last - radius, radius, blur, light), (first + radius, radius, blur, -light)]
+        starts.append(LitProfile.start(last - radius, radius, blur, light))
+        starts.append(LitProfile.start(first + radius, radius, blur, -light))
     return starts
 
 

@@ -27,7 +27,8 @@ from functools import lru_cache
 import numpy as np
 
 from models.compiled import compiled, inner
-from pipeline.measure.axis import Image, Pixels, YarnAxis, find_line, span, straighten
+from pipeline.measure.axis import YarnAxis, find_line, straighten
+from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.pitch import SLOPES, ply_twist
 from pipeline.measure.twist import FrameTwist
 from pipeline.records import Array

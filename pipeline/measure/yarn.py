@@ -32,8 +32,9 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import MAX_MISFIT, Pixels, YarnAxis, expected, find_axis, straighten
+from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.hairs import hairiness
+from pipeline.measure.lines import Pixels, share_above
 from pipeline.measure.plied import Picture, YarnFound, plied_yarn
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.tracer import tracer_twist
@@ -419,11 +420,8 @@ def _yarn_rotation(helix: Estimate, twist: Estimate, speed: float) -> Estimate:
 
 def _saturated(frame: Pixels, axis: YarnAxis, bits: int) -> bool:
     """Say whether more than `SATURATED_SHARE` of the yarn's pixels are at full scale."""
-    full = 2**bits - 1
-    if int(frame.max()) < full:
-        return False
-    strip = straighten((frame >= full).astype(np.float32), axis.centre, axis.angle, int(axis.diameter / 2), axis.length)
-    return float(strip.mean()) > SATURATED_SHARE
+    share = share_above(frame, *axis.centre, axis.angle, axis.diameter / 2, axis.length, 2**bits - 1)
+    return share > SATURATED_SHARE
 
 
 def _outlying(values: Array) -> NDArray[np.bool_]:
