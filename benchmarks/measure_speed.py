@@ -139,8 +139,7 @@ def best(work: Callable[[], object], count: int) -> tuple[float, float]:
 STEPS = (
     (yarn_steps, "_read", "read"),
     (axis_steps, "find_line", "search the frame"),
-    (axis_steps, "straighten", "cut the strip"),
-    (axis_steps, "_blocks", "block means"),
+    (axis_steps, "block_means", "cut the yarn"),
     (axis_steps, "_registered", "profile, tilt"),
     (axis_steps, "fit_profile", "diameter"),
     (axis_steps, "fit_lit", "diameter with shadow"),

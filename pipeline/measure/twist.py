@@ -6,9 +6,9 @@ fixed Δx the ridge of C lies at Δγ = 2πT·Δx whatever the texture's spectru
 about their mean direction, as long as it is even: both only change the ridge's height and width. (At a fixed wave
 number or a fixed Δγ the same scatter would pull the slope.) The twist is the T with the largest sum
 
-    Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 3 px to 4 diameters.
+    Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 4 px to 4 diameters.
 
-Pixel noise is uncorrelated from pixel to pixel and enters C at Δx < 3 px only, so it moves nothing. The sign of the
+Pixel noise is uncorrelated from pixel to pixel and enters C at Δx < 4 px only, so it moves nothing. The sign of the
 slope is the handedness. Correlation along inclined lines is the slant stack of seismology (Schultz and Claerbout,
 Geophysics 43, 1978), taken of the autocorrelation.
 
@@ -55,14 +55,14 @@ DARKEST = 0.2
 """Least level of a row over the brightest one's."""
 EDGE = 2.5
 """Distance from the edge inside of which rows are not used, in standard deviations of the blur."""
-NEAREST = 3
-"""Smallest Δx [columns]: interpolation reaches over 2."""
+NEAREST = 2
+"""Smallest Δx [columns of two]: interpolation reaches over 2 single ones."""
 FARTHEST = 4.0
 """Largest Δx [diameters]."""
 LAGS = 32
 """Number of Δx used."""
 GRID = 8
-"""Step of the longest Δx and of the transforms' lengths [columns]: frames of about one size share their tables."""
+"""Step of the longest Δx and of the transforms' lengths [columns of two]: frames of about one size share their tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,8 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     texture = unroll(image, axis)
     if not np.any(texture):
         return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
-    step = 1 / step_across(axis.angle)
+    # fibres are longer than wide: half as many places along the axis will do
+    texture, step = _halved(texture), 2 / step_across(axis.angle)
     farthest = min(GRID * round(FARTHEST * axis.diameter / step / GRID), GRID * (texture.shape[1] // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
@@ -134,6 +135,12 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / count)[:, None]
     texture /= np.where(spread > 0, spread, 1)
     return texture
+
+
+def _halved(texture: Image) -> Image:
+    """Return the mean of each two columns; the last of an odd number is left out."""
+    count = texture.shape[1] // 2
+    return 0.5 * (texture[:, : 2 * count : 2] + texture[:, 1 : 2 * count : 2])
 
 
 @lru_cache(maxsize=64)
