@@ -10,9 +10,11 @@ Conventions, stated here and used everywhere:
   when the yarn is vertical, which is a right-handed helix. Turning or travelling yarn, or the choice of one of the
   axis' two directions, does not change it; a mirrored image does.
 
-Frames are read in order in the caller's thread and measured in chunks of `CHUNK`, several at a time. A chunk's first
-frame is searched as a whole and the next ones where the yarn was, so the numbers do not depend on how many threads
-there are.
+Frames are measured in chunks of `CHUNK`, several at a time. A chunk's first frame is searched as a whole and the next
+ones where the yarn was, so the numbers do not depend on how many threads there are. Each thread reads a frame just
+before it measures it: a frame is as large as a processor's own memory, and fetching it from where another thread left
+it takes as long as cutting the yarn out. Only clips that are decoded in order are read chunk by chunk, in the caller's
+thread.
 
 Outlying frames (a diameter or a twist more than 5 standard deviations of the bulk away from the median, each from the
 median absolute deviation) keep their values and are flagged, but do not enter the means.
@@ -21,10 +23,11 @@ median absolute deviation) keep their values and are flagged, but do not enter t
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -79,7 +82,7 @@ SATURATED_SHARE = 0.01
 """Share of the yarn's pixels at full scale from which a frame is flagged."""
 REDUCED_BITS = 8
 """Significant bits up to which a clip is flagged as reduced: exports lose the camera's 12 bits this way."""
-CHUNK = 16
+CHUNK = 32
 """Frames measured one after another by one thread."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
@@ -124,7 +127,7 @@ def measure_yarn(
     speed: float | None = None,
     threads: int | None = None,
 ) -> YarnMeasurement:
-    """Measure the yarn in every frame of a clip; a few chunks of frames are held in memory at a time.
+    """Measure the yarn in every frame of a clip; a few frames, or chunks of them, are held in memory at a time.
 
     Parameters
     ----------
@@ -278,18 +281,20 @@ def _numbers(values: Array) -> list[float | None]:
 
 
 def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> Iterator[_Frame]:
-    """Yield what is found in each frame, in order; at most `threads` + 2 chunks of frames are held at a time."""
+    """Yield what is found in each frame, in order; at most `threads` + 2 chunks are under way at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
-    looked_at = _looked_at(n)
+    looked_at, spaced = _looked_at(n), max(1, n // COUNTED)
+    read = _locked(video.frames)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
         for start in range(0, n, CHUNK):
-            frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
-            pairs = looked_at[start : start + len(frames)]
-            spaced = max(1, n // COUNTED)
+            places = range(start, min(start + CHUNK, n))
+            frames = map(read, places)
+            if video.sequential:
+                frames = iter([*frames])
             wanted = _Wanted(
-                {i - start for i in shots}, {i for i in range(len(frames)) if (start + i) % spaced == 0}, pairs
+                {i - start for i in shots}, {i - start for i in places if i % spaced == 0}, looked_at[start : start + CHUNK]
             )
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
@@ -310,11 +315,18 @@ def _one_thread_each() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _read(frames: Frames, index: int) -> Pixels | None:
-    try:
-        return frames.frame(index)
-    except InputError:
-        return None
+def _locked(frames: Frames) -> Callable[[int], Pixels | None]:
+    """Return what reads a frame by its number, one at a time whichever thread asks; None where it cannot be read."""
+    lock = Lock()
+
+    def read(index: int) -> Pixels | None:
+        try:
+            with lock:
+                return frames.frame(index)
+        except InputError:
+            return None
+
+    return read
 
 
 def _looked_at(n: int) -> NDArray[np.bool_]:
@@ -349,13 +361,13 @@ def _doubt(axis: YarnAxis) -> str:
 
 
 def _measure_chunk(
-    frames: Sequence[Pixels | None],
+    frames: Iterator[Pixels | None],
     bits: int,
     method: str,
     plies: int,
     wanted: _Wanted,
 ) -> list[_Frame]:
-    """Measure successive frames; None where one cannot be read."""
+    """Measure successive frames, each read when its turn comes; None where one cannot be read."""
     found: list[_Frame] = []
     followed, before, seen, picture = None, None, None, None
     for i, frame in enumerate(frames):
@@ -376,10 +388,10 @@ def _measure_chunk(
             flag |= FrameFlag.DIAMETER_NOT_CREDIBLE
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
-        if last is not None and wanted.pairs[i - 1] and not doubt:
+        if last is not None and not doubt:
             turn = helix_turn(last[0], frame, (last[1], axis), last[2])
             found[-1] = replace(found[-1], turn=turn)
-        if math.isfinite(twist.per_pixel) and not doubt:
+        if wanted.pairs[i] and math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
         crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
         reduced = _reduced(frame) if i in wanted.shots else None
