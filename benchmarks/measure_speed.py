@@ -214,7 +214,9 @@ def write_cine(path: Path, images: list[Pixels], count: int, packing: str = "") 
     fields = cine_steps.FILE_HEADER.unpack_from(data)
     offsets = np.frombuffer(data, "<u8", len(images), fields[10])
     table = Repeated(list(offsets), count)
-    cine_steps.FILE_HEADER.pack_into(data, 0, *fields[:5], count, fields[6], count, *fields[8:10], len(data), fields[11])
+    cine_steps.FILE_HEADER.pack_into(
+        data, 0, *fields[:5], count, fields[6], count, *fields[8:10], len(data), fields[11]
+    )
     path.write_bytes(data + struct.pack(f"<{count}Q", *(int(table.frame(i)) for i in range(count))))
 
 

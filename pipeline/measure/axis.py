@@ -471,10 +471,7 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
         along = (xs - x) * c - (ys - y) * s
         across = (xs - x) * s + (ys - y) * c
         low, high = span(rows, columns, x, y, angle, half)
-        # the usual median, the mean of the middle two
-        ordered = np.sort(across)
-        centre = (ordered[(xs.size - 1) // 2] + ordered[xs.size // 2]) / 2
-        near = np.abs(across - centre) < 1.3 * half + 1
+        near = np.abs(across - _median(across)) < 1.3 * half + 1
         if low < high:
             near &= (along > low) & (along < high)
         along, across = along[near], across[near]

@@ -139,9 +139,7 @@ def _laid(frame: Image | Pixels, x: float, y: float, angle: float, half: int, co
 
 
 @compiled
-def block_means(
-    frame: Image | Pixels, x: float, y: float, angle: float, half: int, count: int, block: int
-) -> Image:
+def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: int, count: int, block: int) -> Image:
     """Return the means over lengths of yarn, square to the axis, by distance from it.
 
     Parameters
@@ -204,9 +202,7 @@ def unrolled(frame: Image | Pixels, x: float, y: float, angle: float, across: Ar
 
 
 @compiled
-def share_above(
-    frame: Pixels, x: float, y: float, angle: float, radius: float, length: float, level: int
-) -> float:
+def share_above(frame: Pixels, x: float, y: float, angle: float, radius: float, length: float, level: int) -> float:
     """Return the share of the pixels within a radius of the axis, over a length of it, that reach a level."""
     q = step_across(angle)
     count, half = max(1, math.floor(length * q)), radius / q

@@ -9,8 +9,9 @@ ambient light and Lambert's law for a lamp that stands at α around the axis, 0 
 on a linear background. Without the shadow, which `axis.py` leaves out where the lamp stands near the camera, the
 radius is wrong by 0.4 % at α = 11°, 4 % at 23° and a third at 63°.
 
-Separable least squares: Levenberg's steps in offset, R, blur and α, the four levels linear. With the lamp far to the side there are several minima, so the fit starts from several α on either side; the
-edge that faces the lamp is seen well, so each start keeps that edge.
+Separable least squares: Levenberg's steps in offset, R, blur and α, the four levels linear. With the lamp far to the
+side there are several minima, so the fit starts from several α on either side; the edge that faces the lamp is seen
+well, so each start keeps that edge.
 """
 
 import math
@@ -162,7 +163,7 @@ def _quadrature(count: int) -> tuple[Array, Array]:
 
 @inner
 def _bodies(at: Array, rows: int, nodes: Array, shares: Array) -> tuple[Array, Array]:
-    """Return the flat and the lamp-lit body at w = −h … h, shape (2, rows), and their derivatives by `at`, (2, 4, rows).
+    """Return the flat and the lamp-lit body at w = −h … h, (2, rows), and their derivatives by `at`, (2, 4, rows).
 
     With G the blur's Gaussian of z = (w − offset − R sinγ)/σ, both are sums over γ of a term times G.
     """
@@ -204,7 +205,7 @@ def _bodies(at: Array, rows: int, nodes: Array, shares: Array) -> tuple[Array, A
 def _rest(
     at: Array, profile: Array, weight: Array, nodes: Array, shares: Array, levels: Array, jacobian: Array
 ) -> Array:
-    """Return the weighted residuals, shape (rows,), with the best levels; fill these, (4,), and the Jacobian, (4, rows).
+    """Return the weighted residuals, (rows,), with the best levels; fill these, (4,), and the Jacobian, (4, rows).
 
     The Jacobian is that of what the best levels leave (Kaufman, BIT 15, 1975).
     """
@@ -216,7 +217,7 @@ def _rest(
         basis[2, i], basis[3, i] = weight[i] * bodies[0, i], weight[i] * bodies[1, i]
     columns[0] = weight * profile
     levels[:] = left(basis, columns[:1])[0]
-    for k in range(4):
+    for k in range(4):  # by what the residuals change
         columns[1 + k] = -weight * (levels[2] * slopes[0, k] + levels[3] * slopes[1, k])
     left(basis, columns[1:])
     jacobian[:] = columns[1:]

@@ -62,7 +62,7 @@ FARTHEST = 4.0
 LAGS = 32
 """Number of Δx used."""
 GRID = 8
-"""Step of the longest Δx and of the transforms' lengths [columns of two]: frames of about one size share their tables."""
+"""Step of the longest Δx and of the transforms' lengths [columns of two]: frames of about one size share tables."""
 
 
 @dataclass(frozen=True, slots=True)

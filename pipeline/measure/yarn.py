@@ -38,8 +38,9 @@ from pipeline.errors import InputError, nearest
 from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
-from pipeline.measure.plied import Picture, YarnFound, plied_yarn
+from pipeline.measure.plied import YarnFound, plied_yarn
 from pipeline.measure.rotation import helix_turn
+from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
@@ -54,10 +55,10 @@ METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER: Mapping[str, float] = {"surface": 0.003, "ply": 0.005, "tracer": 0.003}
 METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. A plied yarn's diameter: 30 frames with two
-turns or more have a scatter of 0.2 % and no bias; 9 whose helix turned by 20° in the exposure have a bias of -0.3 %,
-at most -0.75 %. For the slope of fibres and for a tracer it is mostly how far the few fibres of one stretch of yarn lie
-off the helix, which more frames of it do not mend."""
+errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result. There the diameters
+of 20 clips of plied yarn have a bias of 0.03 % and a scatter of 0.14 %, at most 0.37 %. For the slope of fibres and for
+a tracer it is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not
+mend."""
 METHOD_U_TURN = 0.4 / 360
 """Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
@@ -294,7 +295,9 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
             if video.sequential:
                 frames = iter([*frames])
             wanted = _Wanted(
-                {i - start for i in shots}, {i - start for i in places if i % spaced == 0}, looked_at[start : start + CHUNK]
+                {i - start for i in shots},
+                {i - start for i in places if i % spaced == 0},
+                looked_at[start : start + CHUNK],
             )
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
