@@ -31,7 +31,7 @@ from models.compiled import compiled, inner
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.edges import bands
 from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
-from pipeline.measure.lit import LitProfile, bright_side, fit_lit, side_starts
+from pipeline.measure.lit import NO_BODY, LitProfile, bright_side, fit_lit, side_starts
 from pipeline.measure.profile import fit_profile, middle, quadrature, weights
 from pipeline.records import Array
 
@@ -174,7 +174,7 @@ def _measure(
         return None
     start = LitProfile.start(shift + lean, radius, blur, light).scaled(1 / cut.step)
     cut, profile, body = _fit(image, angle, cut, profile, spread, start)
-    if body is None:
+    if body is None or body.misfit >= NO_BODY:
         return None
     half, length = cut.blocks.shape[0] // 2, cut.length
     dark = float(np.interp(body.offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))

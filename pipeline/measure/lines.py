@@ -99,16 +99,16 @@ def _set_line(
         for i in range(window.size):
             at = min(max(first + side * i, 0), far - 1)
             window[i] = frame[line, at] if rows else frame[at, line]
-    elif rows:  # the same for rows as for columns, but rows are contiguous, which is what makes it fast
-        along = frame[line, low : low + window.size]
+    elif rows:  # unsigned, so that no place counts from the end: with a test for that there would be no vectors
         for i in range(window.size):
-            window[i] = along[i]
+            window[i] = frame[line, np.uint64(low + i)]
     else:
-        down = frame[low : low + window.size, line]
         for i in range(window.size):
-            window[i] = down[i]
+            window[i] = frame[np.uint64(low + i), line]
     if whole and side < 0:
-        window[:] = window[::-1].copy()
+        last = window.size - 1
+        for i in range(window.size // 2):
+            window[i], window[last - i] = window[last - i], window[i]
     a, b, c, d = _taps(side * place - before)
     for i in range(values.size):
         values[i] = a * window[i] + b * window[i + 1] + c * window[i + 2] + d * window[i + 3]

@@ -138,6 +138,11 @@ def test_frames_without_yarn_and_broken_frames_are_flagged_and_the_rest_is_used(
     assert "1 of 8 frames cannot be read" in m.reason
 
 
+def test_noise_is_no_yarn():
+    images = [np.random.default_rng(seed).normal(250, 5, SHAPE).round().astype(np.uint16) for seed in range(20)]
+    assert np.all(measured(images, 32).flag == FrameFlag.NO_YARN)
+
+
 def test_angles_near_the_wrap_average_to_the_wrap():
     m = measured(yarn(9, diameter=32, twist=1000, angles=[-3, 3, -2, 2]), 32)
     mean = math.degrees(m.summary["axis_angle"].mean)
