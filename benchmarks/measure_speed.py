@@ -40,10 +40,10 @@ from threadpoolctl import threadpool_limits
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from video_files import cine_bytes, write_mraw
 
+import pipeline.ingest.cine as cine_steps
 import pipeline.measure.axis as axis_steps
 import pipeline.measure.twist as twist_steps
 import pipeline.measure.yarn as yarn_steps
-from pipeline.ingest.cine import FILE_HEADER
 from pipeline.ingest.video import open_video
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import RawVideo, Scale, Source
@@ -137,10 +137,9 @@ def best(work: Callable[[], object], count: int) -> tuple[float, float]:
 
 
 STEPS = (
-    (yarn_steps, "_read", "read"),
+    (cine_steps.CineFrames, "frame", "read"),
     (axis_steps, "find_line", "search the frame"),
-    (axis_steps, "straighten", "cut the strip"),
-    (axis_steps, "_blocks", "block means"),
+    (axis_steps, "block_means", "cut the yarn"),
     (axis_steps, "_registered", "profile, tilt"),
     (axis_steps, "fit_profile", "diameter"),
     (axis_steps, "fit_lit", "diameter with shadow"),
@@ -212,10 +211,12 @@ def readers(clips: dict[str, RawVideo], plain: Path) -> list[tuple[str, float, f
 def write_cine(path: Path, images: list[Pixels], count: int, packing: str = "") -> None:
     """A .cine file of 16-bit or packed pixels with `count` frames, whose table names the stored images to and fro."""
     data = bytearray(cine_bytes(np.array(images), 12, [], packing))
-    fields = FILE_HEADER.unpack_from(data)
+    fields = cine_steps.FILE_HEADER.unpack_from(data)
     offsets = np.frombuffer(data, "<u8", len(images), fields[10])
     table = Repeated(list(offsets), count)
-    FILE_HEADER.pack_into(data, 0, *fields[:5], count, fields[6], count, *fields[8:10], len(data), fields[11])
+    cine_steps.FILE_HEADER.pack_into(
+        data, 0, *fields[:5], count, fields[6], count, *fields[8:10], len(data), fields[11]
+    )
     path.write_bytes(data + struct.pack(f"<{count}Q", *(int(table.frame(i)) for i in range(count))))
 
 

@@ -153,6 +153,8 @@ class RawVideo:
     shape: tuple[int, int]
     """Rows, columns."""
     metadata: Mapping[str, str] = field(default_factory=dict)
+    sequential: bool = False
+    """Whether a frame takes long to read unless it is the next one."""
 
 
 @dataclass(frozen=True, slots=True)

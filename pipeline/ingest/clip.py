@@ -33,6 +33,8 @@ class Clip:
     """Time stamps from the first frame [s], shape (n,); empty where the file has none."""
     rate: float = math.nan
     """Recording rate that the header states [1/s], where the format has no time stamps; NaN where it does not."""
+    sequential: bool = False
+    """Whether a frame takes long to read unless it is the next one."""
     beside: tuple[Path, ...] = ()
     """Files beside the named one that the clip was read from, too."""
 

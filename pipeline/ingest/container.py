@@ -241,7 +241,7 @@ def open_container(path: Path) -> Clip:
     if name.startswith("yuv"):
         wide = name.startswith("yuvj") or stream.codec_context.color_range == 2
         metadata["levels"] = "full range" if wide else "limited range: black and white are at 16/255 and 235/255"
-    return Clip(frames, metadata, bits=None if depth == 16 else depth)
+    return Clip(frames, metadata, bits=None if depth == 16 else depth, sequential=True)
 
 
 def _packets(container: InputContainer, stream: int) -> Iterator[av.Packet]:

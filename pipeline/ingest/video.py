@@ -106,7 +106,7 @@ def open_video(
     frames = UniformFrames(clip.frames, path, image)
     depth = _bits(path, frames, clip.bits, bits, metadata)
     shape = (image.shape[0], image.shape[1])
-    return RawVideo(origin, frames, time, rate, depth, shape, metadata)
+    return RawVideo(origin, frames, time, rate, depth, shape, metadata, clip.sequential)
 
 
 def _reader(path: Path) -> Reader:

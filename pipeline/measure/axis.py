@@ -8,8 +8,8 @@ first, as long as what is then found is the same yarn: only a strip around the y
    only, because the slanted ends where the frame cuts the yarn would turn the line. Where that is no yarn (a broad
    cylinder behind it, a second thing, a background as bright as the yarn), the bands between two opposite straight
    edges are tried (`edges.py`).
-2. *Align.* The frame is straightened along the line. The mean cross profile p(w) is held against each short block of
-   the yarn: I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade,
+2. *Align.* The yarn is cut along the line (`lines.py`). The mean cross profile p(w) is held against each short block of
+   it: I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade,
    IJCAI 1981, with gain and offset). p′ is large at the two edges only, so δ is the mean of both edges' sub-pixel
    positions and texture hardly enters. A robust line through δ corrects the axis; blocks with a hair or a second
    object drop out.
@@ -18,8 +18,6 @@ first, as long as what is then found is the same yarn: only a strip around the y
    is fitted with a body of radius R whose brightness is a combination of 1, sinγ and cosγ (w = R sinγ: ambient light
    and Lambert's law from any side), blurred by a Gaussian, on a linear background. Symmetric blur moves no edge. The
    profile is the mean of the middle half of the blocks' values at each w, which leaves hairs out.
-
-The strip is cut by linear interpolation. It blurs each edge symmetrically, which moves none.
 """
 
 import math
@@ -28,26 +26,25 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from models.compiled import compiled, inner
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.edges import bands
-from pipeline.measure.lit import LitProfile, bright_side, fit_lit, side_starts
+from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
+from pipeline.measure.lit import NO_BODY, LitProfile, bright_side, fit_lit, side_starts
 from pipeline.measure.profile import fit_profile, middle, quadrature, weights
 from pipeline.records import Array
-
-Image = NDArray[np.float32]
-Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 REDUCTION = 4
 """Step of the reduced frame that the yarn is looked for in [px]."""
 BLOCK = 8
-"""Length of yarn whose shift is found at once [px]."""
+"""Lines whose shift is found at once."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
 MIN_PIXELS = 12
 """Fewest pixels of the reduced frame that a line is fitted to."""
+FEWEST = 4
+"""Fewest blocks of a cut."""
 MIN_ASPECT = 2.0
 """Length in view over diameter below which a thing has no axis."""
 ALIGNED = 1.0
@@ -159,82 +156,125 @@ def _measure(
     `blur`, `lean` and `light` are where the fit starts, see `YarnAxis`.
     """
     x, y, angle, radius = line
-    half = math.ceil(1.3 * radius + 6)
     for _ in range(ROUNDS):
-        low, high = span(image.shape[0], image.shape[1], x, y, angle, float(half))
-        if high - low < max(MIN_ASPECT * 2 * radius, 4 * BLOCK):
+        cut = _cut(image, x, y, angle, 1.3 * radius + 6, MIN_ASPECT * 2 * radius)
+        if cut is None:
             return None
-        x, y = _along(x, y, angle, (low + high) / 2)
-        strip = straighten(image, (x, y), angle, half, math.floor(high - low))
-        blocks = _blocks(strip)
-        profile, spread, tilt, agreement, shift = _registered(blocks, np.sort(blocks, axis=1))
+        x, y = cut.centre
+        profile, spread, tilt, agreement, shift = _registered(cut.blocks, np.sort(cut.blocks, axis=1))
         if not agreement:
             return None
+        # from rows and lines to pixels
+        tilt, shift = tilt * cut.step**2, shift * cut.step
         angle -= math.atan(tilt)
-        if abs(shift) <= CENTRED and abs(tilt) * strip.shape[1] <= ALIGNED:
+        if abs(shift) <= CENTRED and abs(tilt) * cut.length <= ALIGNED:
             break
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
     else:
         return None
-    # nodes closer than the narrowest usual blur
-    sine, share = quadrature(16 * math.ceil(3 * radius / 16))
-    plain = LitProfile(*fit_profile(profile, spread, shift + lean, radius, blur, sine, share))
-    body = plain if plain.radius else None
-    if body is None or abs(body.light) > FRONTAL or body.misfit > NO_MISFIT:
-        start = (shift + lean, radius, blur, light)
-        strip, profile, body = _fit_shadow(image, (x, y), angle, strip, body, start)
-    if body is None:
+    start = LitProfile.start(shift + lean, radius, blur, light).scaled(1 / cut.step)
+    cut, profile, body = _fit(image, angle, cut, profile, spread, start)
+    if body is None or body.misfit >= NO_BODY:
         return None
-    half = strip.shape[0] // 2
-    offset, radius, blur, light = body.offset, body.radius, body.blur, body.light
-    length = strip.shape[1]
-    if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half < radius + 2:
+    half, length = cut.blocks.shape[0] // 2, cut.length
+    dark = float(np.interp(body.offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
+    body = body.scaled(cut.step)
+    offset, radius, light = body.offset, body.radius, body.light
+    if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * cut.step < radius + 2:
         return None
     x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
     lean = offset - shift
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
         lean, light = -lean, -light
-    dark = float(np.interp(offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
     shade = (dark + body.ambient + body.lamp, dark + body.ambient)
-    return YarnAxis((x, y), angle % math.pi, 2 * radius, blur, length, agreement, lean, light, shade, body.misfit)
+    return YarnAxis((x, y), angle % math.pi, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit)
+
+
+@dataclass(frozen=True, slots=True)
+class _Cut:
+    """Yarn cut along the frame's lines, see `block_means`."""
+
+    blocks: Image
+    """Shape (rows, blocks), rows `step` apart."""
+    step: float
+    """[px]"""
+    centre: tuple[float, float]
+    """The point (x, y) on the line that the middle row and the middle block have."""
+    length: int
+    """Of the band about the line in view [px]."""
+
+
+def _cut(image: Image | Pixels, x: float, y: float, angle: float, reach: float, shortest: float) -> _Cut | None:
+    """Cut a frame over `reach` on each side of a line; None where less than `shortest` of that band is in view."""
+    step = step_across(angle)
+    half = math.ceil(reach / step)
+    low, high = span(image.shape[0], image.shape[1], x, y, angle, half * step)
+    length, count = math.floor(high - low), math.floor((high - low) * step / BLOCK)
+    if length < shortest or count < FEWEST:
+        return None
+    x, y = _along(x, y, angle, (low + high) / 2)
+    return _Cut(block_means(image, x, y, angle, half, count, BLOCK), step, (x, y), length)
+
+
+def _fit(
+    image: Image | Pixels, angle: float, cut: _Cut, profile: Array, spread: Array, start: LitProfile
+) -> tuple[_Cut, Array, LitProfile | None]:
+    """Fit the profile, with its shadow if it shows; the yarn is cut wider where that needs it.
+
+    Parameters
+    ----------
+    image : shape (rows, columns).
+    angle : of the axis [rad].
+    cut, profile, spread : see `_registered`.
+    start : where the fit starts; its light is 0 where there is no frame before. Its lengths, and those of what is
+        returned, are the cut's rows.
+
+    Returns
+    -------
+    The cut and the profile that were fitted; the fit, or None where none is credible.
+    """
+    if abs(start.light) > FRONTAL:
+        body = fit_lit(profile, weights(profile, spread), [start])
+        if body is not None and body.misfit <= NO_MISFIT and FRONTAL < abs(body.light) <= SIDEWAYS:
+            return cut, profile, body
+    # nodes closer than the narrowest usual blur
+    sine, share = quadrature(16 * math.ceil(3 * start.radius / 16))
+    plain = LitProfile(*fit_profile(profile, spread, start.offset, start.radius, start.blur, sine, share))
+    plain = plain if plain.radius else None
+    if plain is not None and abs(plain.light) <= FRONTAL and plain.misfit <= NO_MISFIT:
+        return cut, profile, plain
+    return _fit_shadow(image, angle, cut, profile, spread, plain, start)
 
 
 def _fit_shadow(
     image: Image | Pixels,
-    centre: tuple[float, float],
     angle: float,
-    strip: Image,
+    cut: _Cut,
+    profile: Array,
+    spread: Array,
     plain: LitProfile | None,
-    start: tuple[float, float, float, float],
-) -> tuple[Image, Array, LitProfile | None]:
-    """Fit the profile with its shadow, if it fits; a wider strip is cut where it is needed.
-
-    Parameters
-    ----------
-    image, centre, angle, strip : see `straighten`.
-    start : offset, radius, blur [px] and direction of the light in the frame before [rad]; 0 where there is none.
-    """
-    known = abs(start[3]) > FRONTAL
-    profile, spread = _profile(strip)
-    if plain is None or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start[3]) > SIDEWAYS:
+    start: LitProfile,
+) -> tuple[_Cut, Array, LitProfile | None]:
+    """Fit the profile with its shadow, if it fits, else take the one without, `plain`; see `_fit`."""
+    if plain is None or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start.light) > SIDEWAYS:
         # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
         first, last = bright_side(profile)
-        half = math.ceil(1.3 * (last - first) + 6)
-        low, high = span(image.shape[0], image.shape[1], *centre, angle, float(half))
-        length = 2 * math.floor(min(-low, high))
-        if half > strip.shape[0] // 2 and length >= 4 * BLOCK:
-            strip = straighten(image, centre, angle, half, length)
-            profile, spread = _profile(strip)
+        half = 1.3 * (last - first) + 6 / cut.step
+        if half > cut.blocks.shape[0] // 2:
+            wider = _cut(image, *cut.centre, angle, half * cut.step, 0.0)
+            if wider is not None:
+                cut = wider
+                profile, spread, *_ = _registered(cut.blocks, np.sort(cut.blocks, axis=1))
     weight = weights(profile, spread)
-    body = fit_lit(profile, weight, [start]) if known else None
-    near = [] if plain is None else [(plain.offset, plain.radius, plain.blur, plain.light)]
-    if body is None and near and abs(near[0][3]) <= SIDEWAYS:  # little of the yarn is dark: there is one minimum
+    body = fit_lit(profile, weight, [start]) if abs(start.light) > FRONTAL else None
+    near = [] if plain is None else [plain]
+    if body is None and near and abs(near[0].light) <= SIDEWAYS:  # little of the yarn is dark: there is one minimum
         body = fit_lit(profile, weight, near)
     if body is None or body.misfit > NO_MISFIT:
-        body = fit_lit(profile, weight, side_starts(profile, start[2]) + near)
+        body = fit_lit(profile, weight, side_starts(profile, start.blur) + near)
     if body is None or (plain is not None and body.misfit > max(NO_MISFIT, plain.misfit)):
         body = plain
-    return strip, profile, body
+    return cut, profile, body
 
 
 def straighten(image: Image | Pixels, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
@@ -315,24 +355,6 @@ def _set_band(
 
 def _along(x: float, y: float, angle: float, distance: float) -> tuple[float, float]:
     return x + distance * math.cos(angle), y - distance * math.sin(angle)
-
-
-@compiled
-def span(rows: int, columns: int, x: float, y: float, angle: float, half: float) -> tuple[float, float]:
-    """Return the positions along the axis between which a band of this half width lies inside the frame.
-
-    The first is not below the second where it lies inside nowhere.
-    """
-    low, high = -math.inf, math.inf
-    c, s = math.cos(angle), math.sin(angle)
-    for side in (-half, half):
-        for start, step, last in ((x + side * s, c, columns - 1.0), (y + side * c, -s, rows - 1.0)):
-            if abs(step) >= 1e-9:
-                first, second = -start / step, (last - start) / step
-                low, high = max(low, min(first, second)), min(high, max(first, second))
-            elif not 0 <= start <= last:
-                return 0.0, 0.0
-    return low, high
 
 
 @inner
@@ -449,10 +471,7 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
         along = (xs - x) * c - (ys - y) * s
         across = (xs - x) * s + (ys - y) * c
         low, high = span(rows, columns, x, y, angle, half)
-        # the usual median, the mean of the middle two
-        ordered = np.sort(across)
-        centre = (ordered[(xs.size - 1) // 2] + ordered[xs.size // 2]) / 2
-        near = np.abs(across - centre) < 1.3 * half + 1
+        near = np.abs(across - _median(across)) < 1.3 * half + 1
         if low < high:
             near &= (along > low) & (along < high)
         along, across = along[near], across[near]
@@ -470,31 +489,16 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
     return x, y, angle, half
 
 
-def _blocks(strip: Image) -> Image:
-    """Return the mean of each `BLOCK` columns, shape (rows, blocks); fewer than `BLOCK` are left out at the ends."""
-    count = strip.shape[1] // BLOCK
-    first = (strip.shape[1] - count * BLOCK) // 2
-    whole = strip[:, first : first + count * BLOCK]
-    return cv2.resize(whole, (count, strip.shape[0]), interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
-
-
-def _profile(strip: Image) -> tuple[Array, Array]:
-    """Return a strip's profile and its rows' spread, see `_registered`."""
-    blocks = _blocks(strip)
-    profile, spread, *_ = _registered(blocks, np.sort(blocks, axis=1))
-    return profile, spread
-
-
 @compiled
 def _registered(blocks: Image, ordered: Image) -> tuple[Array, Array, float, float, float]:
-    """Return a strip's profile, its rows' spread, tilt and agreement, and how far the yarn is from the middle.
+    """Return a cut's profile, its rows' spread, tilt and agreement, and how far the yarn is from the middle.
 
     Profile and spread, shape (rows,), are the mean of the middle half of each row's values and their interquartile
     range; for the rest see `_shifts` and `middle`.
 
     Parameters
     ----------
-    blocks : shape (rows, blocks).
+    blocks : shape (rows, blocks), each of `BLOCK` lines.
     ordered : the same with each row in ascending order.
     """
     rows, count = blocks.shape
@@ -511,7 +515,7 @@ def _registered(blocks: Image, ordered: Image) -> tuple[Array, Array, float, flo
 
 @inner
 def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
-    """Return the yarn's tilt against the strip (a slope), and the share of the blocks that agree; 0 without enough."""
+    """Return the yarn's tilt [rows per line], and the share of the blocks that agree; 0 without enough."""
     rows, count = blocks.shape
     design = np.ones((3, rows))
     for i in range(rows):

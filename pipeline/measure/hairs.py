@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import median_filter
 
-from pipeline.measure.axis import Image, Pixels, YarnAxis
+from pipeline.measure.axis import YarnAxis
+from pipeline.measure.lines import Image, Pixels
 
 BEYOND = 0.5
 WIDEST = 0.7

@@ -21,7 +21,8 @@ import math
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from pipeline.measure.axis import Image, Pixels, YarnAxis, straighten
+from pipeline.measure.axis import YarnAxis, straighten
+from pipeline.measure.lines import Image, Pixels
 from pipeline.measure.twist import FrameTwist
 from pipeline.records import Array
 

@@ -24,7 +24,8 @@ import numpy as np
 import scipy.fft
 from scipy.ndimage import map_coordinates, uniform_filter1d
 
-from pipeline.measure.axis import Image, Pixels, YarnAxis
+from pipeline.measure.axis import YarnAxis
+from pipeline.measure.lines import Image, Pixels, step_across
 from pipeline.measure.twist import unroll
 from pipeline.records import Array
 
@@ -52,7 +53,9 @@ def helix_turn(first: Image | Pixels, second: Image | Pixels, axes: tuple[YarnAx
     rows = min(one.shape[0], other.shape[0])
     one, other = _middle_rows(one, rows), _middle_rows(other, rows)
     radius = (axes[0].diameter + axes[1].diameter) / 4
-    reach = min(round(FARTHEST * 2 * radius), min(one.shape[1], other.shape[1]) // 2)
+    # the columns of both: they differ by as much as the axis turned, at most by a few pixels at the ends
+    step = 2 / (step_across(axes[0].angle) + step_across(axes[1].angle))
+    reach = min(round(FARTHEST * 2 * radius / step), min(one.shape[1], other.shape[1]) // 2)
     deep = math.floor((1 - MIN_OVERLAP) * rows)
     if deep < 2:
         return math.nan
@@ -60,10 +63,10 @@ def helix_turn(first: Image | Pixels, second: Image | Pixels, axes: tuple[YarnAx
 
     # C on lines along the ridge: rows are δ, columns Δx
     lags, turns = np.arange(-reach, reach + 1), np.arange(-deep, deep + 1)
-    place = turns[:, None] + 2 * math.pi * twist * radius * lags + deep
+    place = turns[:, None] + 2 * math.pi * twist * radius * step * lags + deep
     across = np.broadcast_to(lags + reach, place.shape)
     ridges = map_coordinates(correlation, [place, across], order=1, cval=0.0)
-    score = uniform_filter1d(ridges, 2 * round(radius) + 1, axis=1, mode="constant").max(axis=1)
+    score = uniform_filter1d(ridges, 2 * round(radius / step) + 1, axis=1, mode="constant").max(axis=1)
     best = int(np.argmax(score))
     elsewhere = score[np.abs(turns - turns[best]) > APART * radius].max(initial=0.0)
     if score[best] < MIN_CORRELATION or elsewhere > (1 - MIN_CONTRAST) * score[best]:

@@ -18,7 +18,8 @@ import math
 
 import numpy as np
 
-from pipeline.measure.axis import Image, Pixels, YarnAxis
+from pipeline.measure.axis import YarnAxis
+from pipeline.measure.lines import Image, Pixels, step_across
 from pipeline.measure.twist import FrameTwist, unroll
 from pipeline.records import Array
 
@@ -49,10 +50,11 @@ def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
         return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
     highest = STEEPEST / (math.pi * axis.diameter)
     tried = np.linspace(-highest, highest, 2 * math.ceil(highest * axis.length * STEPS) + 1)
-    score = _strongest_line(surface, tried, radius)
+    step = 1 / step_across(axis.angle)
+    score = _strongest_line(surface, step, tried, radius)
     best = int(np.argmax(score))
     fine = tried[best] + (tried[1] - tried[0]) * np.linspace(-2, 2, 33)
-    fine_score = _strongest_line(surface, fine, radius)
+    fine_score = _strongest_line(surface, step, fine, radius)
     top = int(np.clip(np.argmax(fine_score), 4, 28))
     a, b, _ = np.polyfit(np.arange(-4, 5), fine_score[top - 4 : top + 5], 2)
     twist = float(fine[top] + (fine[1] - fine[0]) * (np.clip(-b / (2 * a), -4, 4) if a < 0 else 0))
@@ -60,7 +62,7 @@ def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     contrast = 1 - float(score[elsewhere].max(initial=0.0)) / float(score[best])
     turns = abs(twist) * axis.length
     reason = ""
-    depth, followed = _pieces(surface, twist, radius)
+    depth, followed = _pieces(surface, step, twist, radius)
     if contrast < MIN_CONTRAST:
         reason = f"no one tracer fibre stands out (contrast {contrast:.2f}): at least {MIN_CONTRAST} is needed"
     elif depth < MIN_DEPTH or followed < MIN_FOLLOWED:
@@ -70,11 +72,17 @@ def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, float(fine_score.max()), contrast, reason)
 
 
-def _pieces(surface: Image, twist: float, radius: float) -> tuple[float, float]:
-    """Return the mean depth of the strongest line's pieces, and the share of them as dark, or as bright, as it is."""
+def _pieces(surface: Image, step: float, twist: float, radius: float) -> tuple[float, float]:
+    """Return the mean depth of the strongest line's pieces, and the share of them as dark, or as bright, as it is.
+
+    Parameters
+    ----------
+    surface : see `unroll`.
+    step : distance between its columns [px].
+    """
     rows, length = surface.shape
     around = round(2 * math.pi * radius)
-    gamma, x = (np.arange(rows) - (rows - 1) / 2) / radius, np.arange(length) - (length - 1) / 2
+    gamma, x = (np.arange(rows) - (rows - 1) / 2) / radius, step * (np.arange(length) - (length - 1) / 2)
     place = np.round((gamma[:, None] - 2 * math.pi * twist * x) * radius).astype(int) % around
     count = np.bincount(place.ravel(), minlength=around)
     line = np.bincount(place.ravel(), surface.ravel(), minlength=around) / np.maximum(count, 1)
@@ -85,26 +93,27 @@ def _pieces(surface: Image, twist: float, radius: float) -> tuple[float, float]:
     on = np.abs((place - top + around // 2) % around - around // 2) <= half
     piece = np.broadcast_to((x - x[0]) // (PIECE * radius), place.shape).astype(int)
     pixels, values = np.bincount(piece[on]), np.bincount(piece[on], surface[on])
-    whole = pixels >= 0.25 * NARROWEST * PIECE * radius
+    whole = pixels >= 0.25 * NARROWEST * PIECE * radius / step
     if not np.any(whole):
         return 0.0, 0.0
     means = values[whole] / pixels[whole] * np.sign(line[top])
     return float(means.mean()), float(np.mean(means > 0))
 
 
-def _strongest_line(surface: Image, twists: Array, radius: float) -> Array:
+def _strongest_line(surface: Image, step: float, twists: Array, radius: float) -> Array:
     """Return how far the strongest line of u stands out, in standard deviations of the surface, shape (twists,).
 
     Parameters
     ----------
     surface : see `unroll`; rows are 1/R apart in γ.
+    step : distance between its columns [px].
     twists : [1/px], shape (n,).
     """
     rows, length = surface.shape
     around = round(2 * math.pi * radius)
     highest = max(4, math.floor(math.pi * radius / NARROWEST))
     gamma = (np.arange(rows) - (rows - 1) / 2) / radius
-    x = np.arange(length) - (length - 1) / 2
+    x = step * (np.arange(length) - (length - 1) / 2)
     waves = np.exp(-1j * np.outer(np.arange(1, highest + 1), gamma)) @ surface
     turn = np.exp(2j * math.pi * np.outer(twists, x))
     power = np.ones_like(turn)

@@ -6,9 +6,9 @@ fixed Δx the ridge of C lies at Δγ = 2πT·Δx whatever the texture's spectru
 about their mean direction, as long as it is even: both only change the ridge's height and width. (At a fixed wave
 number or a fixed Δγ the same scatter would pull the slope.) The twist is the T with the largest sum
 
-    Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 3 px to 4 diameters.
+    Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 4 px to 4 diameters.
 
-Pixel noise is uncorrelated from pixel to pixel and enters C at Δx < 3 px only, so it moves nothing. The sign of the
+Pixel noise is uncorrelated from pixel to pixel and enters C at Δx < 4 px only, so it moves nothing. The sign of the
 slope is the handedness. Correlation along inclined lines is the slant stack of seismology (Schultz and Claerbout,
 Geophysics 43, 1978), taken of the autocorrelation.
 
@@ -27,13 +27,13 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from models.compiled import compiled, inner
-from pipeline.measure.axis import Image, Pixels, YarnAxis, floats_around
+from pipeline.measure.axis import YarnAxis
+from pipeline.measure.lines import Image, Pixels, step_across, unrolled
 from pipeline.measure.lit import level, places_of
 from pipeline.records import Array
 
@@ -55,14 +55,14 @@ DARKEST = 0.2
 """Least level of a row over the brightest one's."""
 EDGE = 2.5
 """Distance from the edge inside of which rows are not used, in standard deviations of the blur."""
-NEAREST = 3
-"""Smallest Δx [px]: interpolation reaches over 2 px."""
+NEAREST = 2
+"""Smallest Δx [columns of two]: interpolation reaches over 2 single ones."""
 FARTHEST = 4.0
 """Largest Δx [diameters]."""
 LAGS = 32
 """Number of Δx used."""
 GRID = 8
-"""Step of the longest Δx and of the transforms' lengths [px]: frames of about one size share their tables."""
+"""Step of the longest Δx and of the transforms' lengths [columns of two]: frames of about one size share tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +92,12 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     texture = unroll(image, axis)
     if not np.any(texture):
         return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
-    farthest = min(GRID * round(FARTHEST * axis.diameter / GRID), GRID * (axis.length // (2 * GRID)))
+    # fibres are longer than wide: half as many places along the axis will do
+    texture, step = _halved(texture), 2 / step_across(axis.angle)
+    farthest = min(GRID * round(FARTHEST * axis.diameter / step / GRID), GRID * (texture.shape[1] // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
-    slope, contrast, coherence = _search(_correlation(texture, lags, reach), lags)
+    slope, contrast, coherence = _search(_correlation(texture, lags, reach), step * lags.astype(float))
     if not slope:
         return FrameTwist(math.nan, 0.0, 0.0, "no inclined fibres stand out")
     if not coherence:
@@ -113,12 +115,12 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
 
 
 def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
-    """Resample the face of the yarn on its unrolled surface by bicubic interpolation.
+    """Resample the face of the yarn on its unrolled surface.
 
     Returns
     -------
-    Shape (rows, length): rows are 1/R apart in γ, columns a pixel along the axis; each row without its quadratic
-    trend along x and with unit variance.
+    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its
+    quadratic trend along x and with unit variance.
     """
     radius = axis.diameter / 2
     count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
@@ -126,26 +128,19 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     bright = level(gamma, axis.light, axis.shade)
     gamma = gamma[bright >= DARKEST * bright.max()]
     across = places_of(gamma, radius, axis.blur, axis.light, axis.shade)
-    x, y = _places(axis.centre[0], axis.centre[1], axis.angle, across, axis.length)
-    pixels = floats_around(image, axis.centre, axis.angle, radius, axis.length)
-    texture = cv2.remap(pixels, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    trend = _trend(axis.length)
+    count = max(1, math.floor(axis.length * step_across(axis.angle)))
+    texture = unrolled(image, *axis.centre, axis.angle, across, count)
+    trend = _trend(count)
     texture -= (texture @ trend) @ trend.T
-    spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / axis.length)[:, None]
+    spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / count)[:, None]
     texture /= np.where(spread > 0, spread, 1)
-    return texture  # pyright: ignore[reportReturnType]
+    return texture
 
 
-@compiled
-def _places(x: float, y: float, angle: float, across: Array, length: int) -> tuple[Image, Image]:
-    """Return where in the frame the rows `across` from the axis lie, columns and rows [px], shape (across, length)."""
-    columns, rows = np.empty((across.size, length), np.float32), np.empty((across.size, length), np.float32)
-    c, s = math.cos(angle), math.sin(angle)
-    for i in range(across.size):
-        for j in range(length):
-            along = j - (length - 1) / 2
-            columns[i, j], rows[i, j] = x + s * across[i] + c * along, y + c * across[i] - s * along
-    return columns, rows
+def _halved(texture: Image) -> Image:
+    """Return the mean of each two columns; the last of an odd number is left out."""
+    count = texture.shape[1] // 2
+    return 0.5 * (texture[:, : 2 * count : 2] + texture[:, 1 : 2 * count : 2])
 
 
 @lru_cache(maxsize=64)
@@ -170,7 +165,7 @@ def _harmonics(length: int, farthest: int) -> tuple[Image, Image]:
 
 
 def _correlation(texture: Image, lags: Indices, reach: int) -> Array:
-    """Return C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags).
+    """Return C at Δγ from −reach to reach rows and Δx in `lags` [columns], shape (2 reach + 1, lags).
 
     By transforms along x, where both texture and lags are long, and by sums over pairs of rows in γ, where they are
     short; of the transform back only the lags wanted are computed.
@@ -208,7 +203,7 @@ def _cross_spectra(spectra: NDArray[np.complex64], reach: int) -> tuple[Image, I
 
 
 @compiled
-def _search(correlation: Array, lags: Indices) -> tuple[float, float, float]:
+def _search(correlation: Array, lags: Array) -> tuple[float, float, float]:
     """Return the slope tan β with the largest Q, its contrast and its coherence, see `FrameTwist`.
 
     The slope is 0 where none has its maximum inside of the range searched, the coherence where fewer than three Δx
@@ -216,7 +211,7 @@ def _search(correlation: Array, lags: Indices) -> tuple[float, float, float]:
 
     Parameters
     ----------
-    correlation : C at Δγ from −reach to reach rows and Δx in `lags`, shape (2 reach + 1, lags).
+    correlation : C at Δγ from −reach to reach rows and Δx in `lags` [px], shape (2 reach + 1, lags).
     """
     ridges, reach = _spline(correlation), correlation.shape[0] // 2
     scores = _stack(ridges, SIGNED_SLOPES, lags)
@@ -264,7 +259,7 @@ def _spline(values: Array) -> Array:
 
 
 @inner
-def _stack(ridges: Array, slopes: Array, lags: Indices) -> Array:
+def _stack(ridges: Array, slopes: Array, lags: Array) -> Array:
     """Return Q for slopes tan β: the sum over Δx of C on the lines Δγ = tan β·Δx/R, by cubic splines in Δγ.
 
     Parameters

@@ -10,9 +10,11 @@ Conventions, stated here and used everywhere:
   when the yarn is vertical, which is a right-handed helix. Turning or travelling yarn, or the choice of one of the
   axis' two directions, does not change it; a mirrored image does.
 
-Frames are read in order in the caller's thread and measured in chunks of `CHUNK`, several at a time. A chunk's first
-frame is searched as a whole and the next ones where the yarn was, so the numbers do not depend on how many threads
-there are.
+Frames are measured in chunks of `CHUNK`, several at a time. A chunk's first frame is searched as a whole and the next
+ones where the yarn was, so the numbers do not depend on how many threads there are. Each thread reads a frame just
+before it measures it: a frame is as large as a processor's own memory, and fetching it from where another thread left
+it takes as long as cutting the yarn out. Only clips that are decoded in order are read chunk by chunk, in the caller's
+thread.
 
 Outlying frames (a diameter or a twist more than 5 standard deviations of the bulk away from the median, each from the
 median absolute deviation) keep their values and are flagged, but do not enter the means.
@@ -21,10 +23,11 @@ median absolute deviation) keep their values and are flagged, but do not enter t
 import math
 import os
 from collections import Counter, deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import cv2
 import numpy as np
@@ -32,10 +35,12 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
-from pipeline.measure.axis import MAX_MISFIT, Pixels, YarnAxis, expected, find_axis, straighten
+from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.hairs import hairiness
-from pipeline.measure.plied import Picture, YarnFound, plied_yarn
+from pipeline.measure.lines import Pixels, share_above
+from pipeline.measure.plied import YarnFound, plied_yarn
 from pipeline.measure.rotation import helix_turn
+from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
@@ -50,10 +55,10 @@ METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER: Mapping[str, float] = {"surface": 0.003, "ply": 0.005, "tracer": 0.003}
 METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
 """Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. A plied yarn's diameter: 30 frames with two
-turns or more have a scatter of 0.2 % and no bias; 9 whose helix turned by 20° in the exposure have a bias of -0.3 %,
-at most -0.75 %. For the slope of fibres and for a tracer it is mostly how far the few fibres of one stretch of yarn lie
-off the helix, which more frames of it do not mend."""
+errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result. There the diameters
+of 20 clips of plied yarn have a bias of 0.03 % and a scatter of 0.14 %, at most 0.37 %. For the slope of fibres and for
+a tracer it is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not
+mend."""
 METHOD_U_TURN = 0.4 / 360
 """Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
@@ -78,7 +83,7 @@ SATURATED_SHARE = 0.01
 """Share of the yarn's pixels at full scale from which a frame is flagged."""
 REDUCED_BITS = 8
 """Significant bits up to which a clip is flagged as reduced: exports lose the camera's 12 bits this way."""
-CHUNK = 16
+CHUNK = 32
 """Frames measured one after another by one thread."""
 THUMBNAILS = 6
 THUMBNAIL_WIDTH = 480
@@ -123,7 +128,7 @@ def measure_yarn(
     speed: float | None = None,
     threads: int | None = None,
 ) -> YarnMeasurement:
-    """Measure the yarn in every frame of a clip; a few chunks of frames are held in memory at a time.
+    """Measure the yarn in every frame of a clip; a few frames, or chunks of them, are held in memory at a time.
 
     Parameters
     ----------
@@ -277,18 +282,22 @@ def _numbers(values: Array) -> list[float | None]:
 
 
 def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> Iterator[_Frame]:
-    """Yield what is found in each frame, in order; at most `threads` + 2 chunks of frames are held at a time."""
+    """Yield what is found in each frame, in order; at most `threads` + 2 chunks are under way at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
-    looked_at = _looked_at(n)
+    looked_at, spaced = _looked_at(n), max(1, n // COUNTED)
+    read = _locked(video.frames)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
         for start in range(0, n, CHUNK):
-            frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
-            pairs = looked_at[start : start + len(frames)]
-            spaced = max(1, n // COUNTED)
+            places = range(start, min(start + CHUNK, n))
+            frames = map(read, places)
+            if video.sequential:
+                frames = iter([*frames])
             wanted = _Wanted(
-                {i - start for i in shots}, {i for i in range(len(frames)) if (start + i) % spaced == 0}, pairs
+                {i - start for i in shots},
+                {i - start for i in places if i % spaced == 0},
+                looked_at[start : start + CHUNK],
             )
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
@@ -309,11 +318,18 @@ def _one_thread_each() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _read(frames: Frames, index: int) -> Pixels | None:
-    try:
-        return frames.frame(index)
-    except InputError:
-        return None
+def _locked(frames: Frames) -> Callable[[int], Pixels | None]:
+    """Return what reads a frame by its number, one at a time whichever thread asks; None where it cannot be read."""
+    lock = Lock()
+
+    def read(index: int) -> Pixels | None:
+        try:
+            with lock:
+                return frames.frame(index)
+        except InputError:
+            return None
+
+    return read
 
 
 def _looked_at(n: int) -> NDArray[np.bool_]:
@@ -348,13 +364,13 @@ def _doubt(axis: YarnAxis) -> str:
 
 
 def _measure_chunk(
-    frames: Sequence[Pixels | None],
+    frames: Iterator[Pixels | None],
     bits: int,
     method: str,
     plies: int,
     wanted: _Wanted,
 ) -> list[_Frame]:
-    """Measure successive frames; None where one cannot be read."""
+    """Measure successive frames, each read when its turn comes; None where one cannot be read."""
     found: list[_Frame] = []
     followed, before, seen, picture = None, None, None, None
     for i, frame in enumerate(frames):
@@ -375,10 +391,10 @@ def _measure_chunk(
             flag |= FrameFlag.DIAMETER_NOT_CREDIBLE
         if _saturated(frame, axis, bits):
             flag |= FrameFlag.SATURATED
-        if last is not None and wanted.pairs[i - 1] and not doubt:
+        if last is not None and not doubt:
             turn = helix_turn(last[0], frame, (last[1], axis), last[2])
             found[-1] = replace(found[-1], turn=turn)
-        if math.isfinite(twist.per_pixel) and not doubt:
+        if wanted.pairs[i] and math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
         crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
         reduced = _reduced(frame) if i in wanted.shots else None
@@ -419,11 +435,8 @@ def _yarn_rotation(helix: Estimate, twist: Estimate, speed: float) -> Estimate:
 
 def _saturated(frame: Pixels, axis: YarnAxis, bits: int) -> bool:
     """Say whether more than `SATURATED_SHARE` of the yarn's pixels are at full scale."""
-    full = 2**bits - 1
-    if int(frame.max()) < full:
-        return False
-    strip = straighten((frame >= full).astype(np.float32), axis.centre, axis.angle, int(axis.diameter / 2), axis.length)
-    return float(strip.mean()) > SATURATED_SHARE
+    share = share_above(frame, *axis.centre, axis.angle, axis.diameter / 2, axis.length, 2**bits - 1)
+    return share > SATURATED_SHARE
 
 
 def _outlying(values: Array) -> NDArray[np.bool_]:

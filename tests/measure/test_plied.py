@@ -1,43 +1,24 @@
 """Diameter, axis and twist of plied yarn from the picture of its strands. Frames are synthetic."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from yarn_frames import clip, yarn
 
 from pipeline.measure.axis import find_axis
 from pipeline.measure.plied import plied_yarn
 from pipeline.measure.yarn import METHOD_U_DIAMETER, measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
-from pipeline.synthetic import Material, Optics, render_frame
+from pipeline.records import FrameFlag, Scale
+from pipeline.synthetic import Optics
 
 SHAPE = (220, 280)
 
 
-class Stack:
-    """Frames in memory."""
-
-    def __init__(self, images):
-        self.images = images
-
-    def __len__(self):
-        return len(self.images)
-
-    def frame(self, index):
-        return self.images[index]
-
-
-def plied(seed, plies, *, diameter=32.0, tan_beta=1.2, angle=30.0, optics=None, phase=0.4, shape=SHAPE):
+def plied(seed, plies, *, diameter=32.0, tan_beta=1.2, angle=30.0, phase=0.4, **scene):
     """One frame of a plied yarn and its twist [1/px]."""
-    rng = np.random.default_rng(seed)
-    material = replace(Material.draw(rng, fibre_length=0.5 * math.pi / abs(tan_beta)), plies=plies)
-    twist = tan_beta / (math.pi * diameter)
-    image = render_frame(
-        material, rng, shape=shape, axis_angle=math.radians(angle), diameter=diameter, twist=twist, phase=phase,
-        optics=optics,
-    )  # fmt: skip
-    return image, twist
+    shown = {"tan_beta": tan_beta, "angle": angle, "diameter": diameter, "phase": phase, **scene}
+    return yarn(seed, shape=SHAPE, material={"plies": plies}, **shown)
 
 
 def found(image, plies):
@@ -60,13 +41,13 @@ def test_diameter_axis_and_twist_of_strands_in_any_light(plies):
         optics = Optics(light_angle=light, blur=blur, ambient=ambient, read_noise=noise)
         diameter, angle, slope = 26.0 + 8 * seed, 25.0 + 55 * seed, (1.2 + 0.1 * seed) * (-1) ** seed
         image, twist = plied(seed, plies, diameter=diameter, angle=angle, tan_beta=slope, optics=optics)
-        yarn = found(image, plies)
-        assert not yarn.doubt
-        assert yarn.axis.length * abs(twist) > 2
-        diameters.append(yarn.axis.diameter / diameter - 1)
-        angles.append(turned(yarn.axis.angle, angle))
-        twists.append(yarn.twist.per_pixel / twist - 1)
-        x, y = yarn.axis.centre[0] - (SHAPE[1] - 1) / 2, yarn.axis.centre[1] - (SHAPE[0] - 1) / 2
+        seen = found(image, plies)
+        assert not seen.doubt
+        assert seen.axis.length * abs(twist) > 2
+        diameters.append(seen.axis.diameter / diameter - 1)
+        angles.append(turned(seen.axis.angle, angle))
+        twists.append(seen.twist.per_pixel / twist - 1)
+        x, y = seen.axis.centre[0] - (SHAPE[1] - 1) / 2, seen.axis.centre[1] - (SHAPE[0] - 1) / 2
         assert abs(x * math.sin(math.radians(angle)) + y * math.cos(math.radians(angle))) < 0.2
     assert abs(np.mean(diameters)) < 0.004
     assert np.max(np.abs(diameters)) < 1.5 * METHOD_U_DIAMETER["ply"]
@@ -87,30 +68,30 @@ def test_a_mirrored_yarn_has_the_same_diameter_and_the_other_hand():
 @pytest.mark.parametrize("plies", [2, 4])
 def test_dark_yarn_on_a_bright_ground(plies):
     image, twist = plied(5, plies, angle=110.0, optics=Optics(background=0.7, yarn=0.25, light_angle=0.6))
-    yarn = found(image, plies)
-    assert yarn.axis.diameter == pytest.approx(32.0, rel=0.01)
-    assert yarn.twist.per_pixel == pytest.approx(twist, rel=0.005)
-    assert abs(turned(yarn.axis.angle, 110.0)) < 0.08
+    seen = found(image, plies)
+    assert seen.axis.diameter == pytest.approx(32.0, rel=0.01)
+    assert seen.twist.per_pixel == pytest.approx(twist, rel=0.005)
+    assert abs(turned(seen.axis.angle, 110.0)) < 0.08
 
 
 def test_part_of_a_turn_tilts_no_axis():
     """One lit cylinder is 11 % too thin here; in some frames it takes one of two strands for the yarn, 7° off."""
     optics = Optics(light_angle=-0.8, ambient=0.3, blur=1.2)
     image, twist = plied(17, 2, diameter=48.0, tan_beta=0.5, angle=60.0, optics=optics)
-    yarn = found(image, 2)
-    assert 0.5 < yarn.axis.length * abs(twist) < 1
-    assert abs(turned(yarn.axis.angle, 60.0)) < 0.12
-    assert yarn.axis.diameter == pytest.approx(48.0, rel=0.015)
+    seen = found(image, 2)
+    assert 0.5 < seen.axis.length * abs(twist) < 1
+    assert abs(turned(seen.axis.angle, 60.0)) < 0.12
+    assert seen.axis.diameter == pytest.approx(48.0, rel=0.015)
 
 
 def test_no_diameter_where_there_are_no_strands_or_less_than_a_period_of_them():
     single, _ = plied(1, 1)
     assert found(single, 2).doubt
     few, twist = plied(1, 2, diameter=44.0, tan_beta=0.08)
-    yarn = found(few, 2)
+    seen = found(few, 2)
     assert 2 * find_axis(few).length * twist < 1
-    assert yarn.doubt
-    assert math.isnan(yarn.twist.per_pixel)
+    assert seen.doubt
+    assert math.isnan(seen.twist.per_pixel)
     three, _ = plied(2, 3)
     assert found(three, 2).doubt
 
@@ -118,8 +99,7 @@ def test_no_diameter_where_there_are_no_strands_or_less_than_a_period_of_them():
 def test_frames_of_a_clip_are_flagged_or_measured_with_their_uncertainty():
     images = [plied(seed, 3, phase=0.5 * seed, angle=70.0)[0] for seed in range(3)]
     images.append(plied(9, 1, angle=70.0)[0])
-    video = RawVideo(Source("stack", "", 0), Stack(images), np.arange(4) / 1200, 1200.0, 12, SHAPE)
-    m = measure_yarn(video, Scale(1.0, 0.0), cylinder_axis=None, method="ply", plies=3)
+    m = measure_yarn(clip(images), Scale(1.0, 0.0), cylinder_axis=None, method="ply", plies=3)
     refused = (m.flag & FrameFlag.DIAMETER_NOT_CREDIBLE) != 0
     np.testing.assert_array_equal(refused, [False, False, False, True])
     assert np.isnan(m.diameter[3])

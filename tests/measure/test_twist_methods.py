@@ -1,12 +1,13 @@
 """Plied yarn, tracer fibres, light from the side, rotation and hairs. Frames are synthetic."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+import yarn_frames
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from yarn_frames import clip
 
 from pipeline.errors import InputError
 from pipeline.measure.axis import find_axis
@@ -14,40 +15,16 @@ from pipeline.measure.lit import fit_lit, level, places_of, side_starts
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.yarn import measure_json, measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.records import FrameFlag, Scale
 from pipeline.synthetic import Material, Optics, bar, compressed, render_frame
 
 SHAPE = (256, 400)
 DIAMETER = 32.0
 
 
-class Stack:
-    """Frames in memory."""
-
-    def __init__(self, images):
-        self.images = images
-
-    def __len__(self):
-        return len(self.images)
-
-    def frame(self, index):
-        return self.images[index]
-
-
-def yarn(seed, *, tan_beta=0.6, angle=25.0, diameter=DIAMETER, hairs=1.5, material=None, phase=0.0, **scene):
+def yarn(seed, *, tan_beta=0.6, angle=25.0, diameter=DIAMETER, **scene):
     """One frame of a yarn, and its twist [1/px]."""
-    rng = np.random.default_rng(seed)
-    drawn = Material.draw(rng, fibre_length=0.5 * math.pi / abs(tan_beta), hairs_per_diameter=hairs)
-    twist = tan_beta / (math.pi * diameter)
-    image = render_frame(
-        replace(drawn, **(material or {})), rng, shape=SHAPE, axis_angle=math.radians(angle), diameter=diameter,
-        twist=twist, phase=phase, **scene,
-    )  # fmt: skip
-    return image, twist
-
-
-def clip(images, bits=12):
-    return RawVideo(Source("stack", "", 0), Stack(images), np.arange(len(images)) / 1200, 1200.0, bits, SHAPE)
+    return yarn_frames.yarn(seed, shape=SHAPE, tan_beta=tan_beta, angle=angle, diameter=diameter, **scene)
 
 
 def pixels(image):

@@ -10,6 +10,7 @@ from scipy.ndimage import spline_filter1d
 
 from pipeline.measure import axis, twist
 from pipeline.measure.axis import find_axis, straighten
+from pipeline.measure.lines import block_means, share_above, step_across, unrolled
 from pipeline.measure.twist import surface_twist, unroll
 from pipeline.synthetic import Material, render_frame
 
@@ -45,7 +46,6 @@ def test_frames_of_integers_and_of_floats_give_the_same_numbers(frame):
     floats = frame.astype(np.float32)
     found = find_axis(frame)
     assert found == find_axis(floats)
-    axis.floats_around(noise(0), (200.0, 128.0), 0.3, 128, 500)
     assert surface_twist(frame, found) == surface_twist(floats, found)
     assert math.isfinite(surface_twist(frame, found).per_pixel)
 
@@ -86,15 +86,59 @@ def test_the_spline_s_coefficients_are_scipy_s():
     np.testing.assert_allclose(twist._spline(values), spline_filter1d(values, axis=0), atol=1e-12)
 
 
-def test_the_strip_s_blocks_give_profile_and_spread_as_percentiles_do(frame):
+def test_blocks_give_profile_and_spread_as_percentiles_do(frame):
     found = find_axis(frame)
-    strip = straighten(frame, found.centre, found.angle, 24, found.length)
-    blocks = axis._blocks(strip)
+    blocks = block_means(frame, *found.centre, found.angle, 24, 30, 8)
     profile, spread, *_ = axis._registered(blocks, np.sort(blocks, axis=1))
     quarter = blocks.shape[1] // 4
     ordered = np.sort(blocks.astype(float), axis=1)[:, quarter : blocks.shape[1] - quarter]
     np.testing.assert_allclose(profile, ordered.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(spread, np.ptp(ordered, axis=1), rtol=1e-6)
+
+
+def level(x, y):
+    """What cubic convolution gives exactly: a quadratic."""
+    return 300 + 3 * x + 2 * y + 0.01 * x * y - 0.004 * x * x + 0.006 * y * y
+
+
+def place(centre, angle, across, along):
+    """Where in a frame distances from an axis, to its right, and along it lie; see `straighten`."""
+    c, s = math.cos(angle), math.sin(angle)
+    return centre[0] + along * c + across[:, None] * s, centre[1] - along * s + across[:, None] * c
+
+
+@pytest.mark.parametrize("degrees", [-60, -20, 0, 5, 30, 44, 46, 80, 90, 120, 134, 136, 170, 180])
+def test_lines_of_a_frame_give_the_surface_square_to_the_axis(degrees):
+    """Rows or columns, in either direction: exact where the level is a quadratic."""
+    rows, columns = np.indices(SHAPE)
+    image, centre, angle = level(columns, rows).astype(np.float32), (200.3, 127.8), math.radians(degrees)
+    across, count = np.array([-12.3, -5.0, 0.0, 3.3, 14.2]), 101
+    along = (np.arange(count) - (count - 1) / 2) / step_across(angle)
+    found = unrolled(image, *centre, angle, across, count)
+    np.testing.assert_allclose(found, level(*place(centre, angle, across, along)), atol=2e-3)
+
+
+@pytest.mark.parametrize("degrees", [-60, -20, 0, 44, 46, 90, 134, 136, 180])
+def test_blocks_are_means_square_to_the_axis(degrees):
+    """To half a line along it: which lines belong to a block is rounded."""
+    rows, columns = np.indices(SHAPE)
+    image, centre, angle = (3.0 * columns + 2.0 * rows).astype(np.float32), (200.3, 127.8), math.radians(degrees)
+    step = step_across(angle)
+    found = block_means(image, *centre, angle, 14, 9, 8)
+    x, y = place(centre, angle, (np.arange(29) - 14) * step, (np.arange(9) - 4) * 8 / step)
+    along = abs(3 * math.cos(angle) - 2 * math.sin(angle)) / step
+    np.testing.assert_allclose(found, 3 * x + 2 * y, atol=0.51 * along + 1e-3)
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 60, 90, 150])
+def test_the_share_of_bright_pixels_is_that_of_the_band(degrees):
+    """Half of the yarn's width is at the level: 0 to 10 px to the right of the axis, of -10 to 10."""
+    rows, columns = np.indices(SHAPE)
+    angle = math.radians(degrees)
+    right = (columns - 200) * math.sin(angle) + (rows - 128) * math.cos(angle)
+    image = np.where(right > 0, 4095, 4094).astype(np.uint16)
+    assert share_above(image, 200.0, 128.0, angle, 10.0, 150.0, 4095) == pytest.approx(0.5, abs=0.03)
+    assert share_above(image, 200.0, 128.0, angle, 10.0, 150.0, 4096) == 0
 
 
 def test_a_strip_s_pixels_are_where_they_should_be_within_a_hundredth_of_a_pixel():

@@ -128,7 +128,8 @@ def test_numbers_do_not_depend_on_the_number_of_threads(steady):
     assert one.summary == three.summary
 
 
-def test_only_a_few_chunks_are_read_ahead(steady, monkeypatch):
+@pytest.mark.parametrize("sequential", [False, True])
+def test_only_a_few_chunks_are_read_ahead(steady, monkeypatch, sequential):
     """Whatever the clip's length: one chunk for each thread, one that waits and one that is being read."""
     _, images = steady
     ahead, done = [], 0
@@ -141,13 +142,14 @@ def test_only_a_few_chunks_are_read_ahead(steady, monkeypatch):
     def measure_chunk(frames, *rest):
         nonlocal done
         found = original(frames, *rest)
-        done += len(frames)
+        done += len(found)
         return found
 
     original = yarn._measure_chunk
     monkeypatch.setattr(yarn, "_measure_chunk", measure_chunk)
     count = 8 * CHUNK
-    video = RawVideo(Source("s", "", 0), Watched(images, count), np.arange(count) / 1200, 1200.0, 12, SHAPE)
+    time = np.arange(count) / 1200
+    video = RawVideo(Source("s", "", 0), Watched(images, count), time, 1200.0, 12, SHAPE, sequential=sequential)
     measure_yarn(video, Scale(5e-6), cylinder_axis=None, threads=2)
     assert max(ahead) <= (2 + 2) * CHUNK
 

@@ -4,34 +4,15 @@ import math
 
 import numpy as np
 import pytest
+from yarn_frames import clip
 
 from pipeline.errors import InputError
 from pipeline.measure.yarn import measure_json, measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.records import FrameFlag, Scale
 from pipeline.synthetic import Material, Optics, render_frame
 
 DIAMETER = 0.16e-3
 SHAPE = (256, 400)
-
-
-class Stack:
-    """Frames in memory; an entry that is None cannot be read."""
-
-    def __init__(self, images):
-        self.images = images
-
-    def __len__(self):
-        return len(self.images)
-
-    def frame(self, index):
-        if self.images[index] is None:
-            raise InputError("stack", f"frame {index} is truncated", "a whole frame")
-        return self.images[index]
-
-
-def clip(images, bits=12):
-    time = np.arange(len(images)) / 1200
-    return RawVideo(Source("stack", "", 0), Stack(images), time, 1200.0, bits, SHAPE)
 
 
 def yarn(seed, *, diameter, twist, angles, material=None, optics=None, hairs=1.5):
@@ -155,6 +136,11 @@ def test_frames_without_yarn_and_broken_frames_are_flagged_and_the_rest_is_used(
     assert np.all(m.confidence[m.flag == 0] > 0.5)
     assert m.summary["twist"].mean == pytest.approx(1100, rel=0.02)
     assert "1 of 8 frames cannot be read" in m.reason
+
+
+def test_noise_is_no_yarn():
+    images = [np.random.default_rng(seed).normal(250, 5, SHAPE).round().astype(np.uint16) for seed in range(20)]
+    assert np.all(measured(images, 32).flag == FrameFlag.NO_YARN)
 
 
 def test_angles_near_the_wrap_average_to_the_wrap():
