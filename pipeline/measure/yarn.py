@@ -35,6 +35,7 @@ from pipeline.errors import InputError, nearest
 from pipeline.measure.axis import MAX_MISFIT, Pixels, YarnAxis, expected, find_axis, straighten
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.plied import Picture, YarnFound, plied_yarn
+from pipeline.measure.recurrence import Recurrence, full_turn, recurrence
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
@@ -54,6 +55,8 @@ errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py. A pl
 turns or more have a scatter of 0.2 % and no bias; 9 whose helix turned by 20° in the exposure have a bias of -0.3 %,
 at most -0.75 %. For the slope of fibres and for a tracer it is mostly how far the few fibres of one stretch of yarn lie
 off the helix, which more frames of it do not mend."""
+METHOD_U_RECURRENCE = 0.005
+"""The same for the twist of a single yarn whose fibres are seen again after a full turn (`recurrence.py`), relative."""
 METHOD_U_TURN = 0.4 / 360
 """Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
@@ -70,6 +73,8 @@ PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
 """Frames of a clip, at least, that hairs are counted in: neighbouring frames show the same hairs."""
+TURNED = 24
+"""Frames of a clip, about, in which fibres are looked for a full turn on."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
 
@@ -95,6 +100,7 @@ class _Frame:
     """[1/px]; NaN where not counted."""
     turn: float = math.nan
     """Turn of the helix until the next frame [rad]; NaN where not resolved or not looked at."""
+    recurrence: Recurrence | None = None
     doubt: str = ""
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
@@ -109,6 +115,8 @@ class _Wanted:
     """Those that go on the contact sheet."""
     hairs: set[int]
     """Those whose hairs are counted."""
+    turned: set[int]
+    """Those whose fibres are looked for a full turn on."""
     pairs: NDArray[np.bool_]
     """Whether the turn until the next frame is looked at, shape (frames,)."""
 
@@ -150,6 +158,7 @@ def measure_yarn(
     reasons, doubts = Counter[str](), Counter[str]()
     images: dict[int, NDArray[np.uint8]] = {}
     misfits: list[float] = []
+    recurrences: list[Recurrence] = []
     for i, found in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
         flag[i] = found.flag
         if found.axis is None or found.twist is None:
@@ -157,6 +166,8 @@ def measure_yarn(
         axis = found.axis
         centre[i], angle[i], twist[i] = axis.centre, axis.angle, found.twist.per_pixel
         hairs[i], turn[i] = found.hairs, found.turn
+        if found.recurrence is not None:
+            recurrences.append(found.recurrence)
         if found.doubt:
             doubts[found.doubt] += 1
         else:
@@ -172,6 +183,9 @@ def measure_yarn(
     if credible < MIN_CREDIBLE * seen:
         twist[:] = math.nan
         flag[np.isfinite(angle)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
+    period = full_turn(recurrences) if np.any(np.isfinite(twist)) else math.nan
+    if math.isfinite(period):  # how deep below the outline the fibres run no longer counts
+        twist /= period * float(np.nanmedian(np.abs(twist)))
     diameter *= scale.metres_per_pixel
     twist /= scale.metres_per_pixel
     hairs /= scale.metres_per_pixel
@@ -182,7 +196,7 @@ def measure_yarn(
     kept = (flag & FrameFlag.OUTLIER) == 0
     # what the profile's model leaves unexplained counts against the diameter
     relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER[method], float(np.median(misfits or [0.0])))}
-    relative_u["twist"] = METHOD_U_TWIST[method]
+    relative_u["twist"] = METHOD_U_RECURRENCE if math.isfinite(period) else METHOD_U_TWIST[method]
     series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
     summary = _summary(series, kept, scale, relative_u)
     if cylinder_axis is None:
@@ -286,10 +300,10 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
         for start in range(0, n, CHUNK):
             frames = [_read(video.frames, i) for i in range(start, min(start + CHUNK, n))]
             pairs = looked_at[start : start + len(frames)]
-            spaced = max(1, n // COUNTED)
-            wanted = _Wanted(
-                {i - start for i in shots}, {i for i in range(len(frames)) if (start + i) % spaced == 0}, pairs
+            hairs, turned = (
+                {i for i in range(len(frames)) if (start + i) % max(1, n // count) == 0} for count in (COUNTED, TURNED)
             )
+            wanted = _Wanted({i - start for i in shots}, hairs, turned, pairs)
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
                 yield from running.popleft().result()
@@ -381,8 +395,11 @@ def _measure_chunk(
         if math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
         crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
+        again = None
+        if method == "surface" and i in wanted.turned and math.isfinite(twist.per_pixel):
+            again = recurrence(frame, axis, twist.per_pixel)
         reduced = _reduced(frame) if i in wanted.shots else None
-        found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=reduced))
+        found.append(_Frame(flag, axis, twist, crossings, recurrence=again, doubt=doubt, reduced=reduced))
     return found
 
 
