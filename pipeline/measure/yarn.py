@@ -355,6 +355,8 @@ def _doubt(axis: YarnAxis) -> str:
         return f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
     if abs(axis.light) > FARTHEST_LIGHT:
         angle = math.degrees(abs(axis.light))
+        if angle > 90:  # more than a lamp in front of the yarn can do
+            return "one of the edges hardly stands out from the background"
         return f"the light comes from {angle:.0f}° beside the camera: the far edge is in the dark"
     if axis.misfit > MAX_MISFIT:
         return f"the profile is not that of a round body: {100 * axis.misfit:.0f} % of its height is left unexplained"
