@@ -69,6 +69,8 @@ FINE_BLUR = 0.05
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
 MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
+MAX_OTHER_HAND = 0.2
+"""Share of the frames with a twist that may tell the other hand: a yarn has one."""
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
@@ -179,6 +181,10 @@ def measure_yarn(
         if found.reduced is not None:
             images[i] = found.reduced
 
+    other, taken = _other_hand(twist)
+    if taken:
+        reasons[other] += taken
+        flag[np.isfinite(angle) & np.isnan(twist)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
     credible, seen = np.count_nonzero(np.isfinite(twist)), np.count_nonzero(np.isfinite(angle))
     if credible < MIN_CREDIBLE * seen:
         twist[:] = math.nan
@@ -403,6 +409,18 @@ def _measure_chunk(
         reduced = _reduced(frame) if i in wanted.shots else None
         found.append(_Frame(flag, axis, twist, crossings, recurrence=again, doubt=doubt, reduced=reduced))
     return found
+
+
+def _other_hand(twist: Array) -> tuple[str, int]:
+    """Take away the twist of frames that tell the other hand, or of all where many do; say why, and of how many."""
+    z, s = int(np.count_nonzero(twist > 0)), int(np.count_nonzero(twist < 0))
+    fewer = min(z, s)
+    if fewer > MAX_OTHER_HAND * (z + s):
+        twist[:] = math.nan
+        fewer = z + s
+    elif fewer:
+        twist[(twist > 0) != (z > s)] = math.nan
+    return f"{z} frames tell Z and {s} tell S", fewer
 
 
 def _rotation(time: Array, turn: Array, angle: Array, cylinder_axis: float | None) -> Array:
