@@ -67,6 +67,9 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
+MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.9, 0.7
+"""Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
+round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
 MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
 MAX_OTHER_HAND = 0.2
@@ -347,6 +350,8 @@ def _yarn(image: Pixels, axis: YarnAxis, method: str, plies: int, before: Pictur
     if method == "ply":
         return plied_yarn(image, axis, plies, before)
     doubt = _doubt(axis)
+    if axis.agreement < (MIN_STRAIGHT if doubt else MIN_STRAIGHT_ROUND):
+        return YarnFound(None, FrameTwist(math.nan, 0.0, 0.0, ""), doubt)
     twist = tracer_twist(image, axis) if method == "tracer" else surface_twist(image, axis)
     if doubt and method == "surface" and not twist.reason:  # its surface is unrolled by the diameter
         twist = replace(twist, per_pixel=math.nan, reason=doubt)

@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -52,3 +53,13 @@ def test_a_clip_of_both_hands_has_no_twist():
     assert np.all(np.isnan(found.twist))
     assert np.all(found.flag & FrameFlag.TWIST_NOT_CREDIBLE)
     assert "3 frames tell Z and 2 tell S" in found.reason
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clouds_have_no_angle(seed):
+    noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((300, 400)), (0, 0), 3.0 + 2 * seed)
+    image = np.clip(2000 + 500 * noise / noise.std(), 0, 4095).astype(np.uint16)
+    video = RawVideo(Source("", "", 0), Stack([image] * 3), np.arange(3) / 1200, 1200.0, 12, image.shape)
+    found = measure_yarn(video, Scale(1.0, 0.0), cylinder_axis=None)
+    assert np.all(found.flag & FrameFlag.NO_YARN)
+    assert math.isnan(found.summary["axis_angle"].mean)
