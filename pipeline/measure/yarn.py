@@ -67,7 +67,7 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
-MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.9, 0.7
+MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.85, 0.7
 """Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
 round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
 MIN_CREDIBLE = 0.3
