@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.measure.yarn import METHOD_U_RECURRENCE, METHOD_U_TWIST, measure_yarn
+from pipeline.measure.yarn import METHOD_U_DEPTH, METHOD_U_RECURRENCE, measure_yarn
 from pipeline.records import RawVideo, Scale, Source
 
 DIAMETER, SHAPE, FULL = 40.0, (200, 640), 4095
@@ -72,4 +72,5 @@ def test_fibres_below_the_outline_by_their_return_after_a_full_turn(twist: float
 def test_without_a_return_the_slope_is_all_there_is() -> None:
     found = measured([bundle(1 / 250, 0.7 * i, length=100.0, seed=i) for i in range(6)])
     assert found.mean == pytest.approx(1 / 250, rel=0.2)
-    assert found.u_terms["method"] == pytest.approx(METHOD_U_TWIST["surface"] * found.mean)
+    assert found.u_terms["method"] == pytest.approx(METHOD_U_DEPTH * found.mean, rel=0.1)
+    assert abs(found.mean - 1 / 250) <= 2.5 * found.u
