@@ -103,7 +103,7 @@ def _promised(file: TiffFile) -> int:
         return int((file.imagej_metadata or {}).get("images", 0))
     if file.is_shaped and file.shaped_metadata:
         shape = file.shaped_metadata[0].get("shape", ())
-        return math.prod(shape[:-2]) if len(shape) > 2 else 0
+        return math.prod(shape) // max(1, file.pages.first.size) if len(shape) > 2 else 0
     return 0
 
 

@@ -73,6 +73,10 @@ MAX_MISFIT = 0.03
 """Misfit of the profile, over its range, above which its edges are not those of a round body."""
 FRONTAL = 0.1
 """Direction of the light up to which the yarn's own shadow does not show [rad]."""
+FLAT = 0.2
+"""Lamp over the ambient light up to which its direction means nothing: both edges show, as those of a silhouette."""
+EDGE_SEEN = 0.5
+"""Level at the far edge over the ambient light from which on that edge is seen."""
 SIDEWAYS = 0.5
 """Direction of the light from which on half heights say little of where the yarn ends [rad]."""
 NO_MISFIT = 0.01
@@ -179,15 +183,25 @@ def _measure(
     half, length = cut.blocks.shape[0] // 2, cut.length
     dark = float(np.interp(body.offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
     body = body.scaled(cut.step)
-    offset, radius, light = body.offset, body.radius, body.light
+    offset, radius = body.offset, body.radius
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * cut.step < radius + 2:
         return None
     x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
-    lean = offset - shift
+    lean, (light, lamp) = offset - shift, _lamp(body)
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
         lean, light = -lean, -light
-    shade = (dark + body.ambient + body.lamp, dark + body.ambient)
+    shade = (dark + body.ambient + lamp, dark + body.ambient)
     return YarnAxis((x, y), angle % math.pi, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit)
+
+
+def _lamp(body: LitProfile) -> tuple[float, float]:
+    """Return direction and level of the lamp, where there is one to speak of."""
+    light, lamp = body.light, body.lamp
+    far = body.ambient - math.copysign(lamp * math.sin(light), body.ambient * math.sin(light))  # level at the far edge
+    if abs(light) > math.pi / 2 and far * body.ambient > EDGE_SEEN * body.ambient**2:
+        # both edges stand out more than the middle: no lamp does that, but a back light or shining fibres
+        light, lamp = light - math.copysign(math.pi, light), -lamp
+    return 0.0 if abs(lamp) < FLAT * abs(body.ambient) else light, lamp
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,9 @@ The average is made in Fourier space: its m-th coefficient in u is the transform
 
 The estimate is credible where the line is stronger than that of any other twist by `MIN_CONTRAST`; where its pieces,
 all along the yarn, lie `MIN_DEPTH` away from the surface's mean and `MIN_FOLLOWED` of them on the same side, which
-fibres that end do not; and where `MIN_TURNS` are in view: a shorter view shows the fibre once, and its slope depends on
-the diameter.
+fibres that end do not; and where the fibre is seen over `MIN_TURNS`, from the first place to the last: then it passes
+the front twice, a turn apart. What is seen of one pass is its slope, which depends on the diameter and on how deep
+below the outline the fibre runs.
 """
 
 import math
@@ -31,7 +32,7 @@ STEPS = 20
 """Twists tried per 1/length."""
 MIN_DIAMETER = 12.0
 MIN_CONTRAST = 0.25
-MIN_TURNS = 1.5
+MIN_TURNS = 1.0
 MIN_DEPTH = 2.2
 """Mean distance of the line's pieces from the surface's mean, in standard deviations of the surface."""
 MIN_FOLLOWED = 0.9
@@ -60,20 +61,21 @@ def tracer_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     twist = float(fine[top] + (fine[1] - fine[0]) * (np.clip(-b / (2 * a), -4, 4) if a < 0 else 0))
     elsewhere = np.abs(tried - twist) > max(2 / axis.length, 0.1 * abs(twist))
     contrast = 1 - float(score[elsewhere].max(initial=0.0)) / float(score[best])
-    turns = abs(twist) * axis.length
     reason = ""
-    depth, followed = _pieces(surface, step, twist, radius)
+    depth, followed, seen = _pieces(surface, step, twist, radius)
     if contrast < MIN_CONTRAST:
         reason = f"no one tracer fibre stands out (contrast {contrast:.2f}): at least {MIN_CONTRAST} is needed"
     elif depth < MIN_DEPTH or followed < MIN_FOLLOWED:
         reason = f"no tracer fibre is seen all along the yarn (depth {depth:.1f}): at least {MIN_DEPTH} is needed"
-    elif turns < MIN_TURNS:
-        reason = f"{turns:.2f} turns are in view: at least {MIN_TURNS:g} is needed to follow a tracer fibre"
+    elif seen * abs(twist) < MIN_TURNS:
+        reason = f"the tracer fibre is seen over {seen * abs(twist):.2f} turns: at least {MIN_TURNS:g} is needed"
     return FrameTwist(math.nan if reason else twist, float(fine_score.max()), contrast, reason)
 
 
-def _pieces(surface: Image, step: float, twist: float, radius: float) -> tuple[float, float]:
-    """Return the mean depth of the strongest line's pieces, and the share of them as dark, or as bright, as it is.
+def _pieces(surface: Image, step: float, twist: float, radius: float) -> tuple[float, float, float]:
+    """Return what the strongest line's pieces say.
+
+    Their mean depth, the share of them as dark, or as bright, as it is, and the length over which it is seen [px].
 
     Parameters
     ----------
@@ -95,9 +97,10 @@ def _pieces(surface: Image, step: float, twist: float, radius: float) -> tuple[f
     pixels, values = np.bincount(piece[on]), np.bincount(piece[on], surface[on])
     whole = pixels >= 0.25 * NARROWEST * PIECE * radius / step
     if not np.any(whole):
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     means = values[whole] / pixels[whole] * np.sign(line[top])
-    return float(means.mean()), float(np.mean(means > 0))
+    columns = np.flatnonzero(on.any(axis=0))
+    return float(means.mean()), float(np.mean(means > 0)), step * float(columns[-1] - columns[0])
 
 
 def _strongest_line(surface: Image, step: float, twists: Array, radius: float) -> Array:

@@ -36,9 +36,11 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
 from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
+from pipeline.measure.clip_twist import clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
 from pipeline.measure.plied import YarnFound, plied_yarn
+from pipeline.measure.recurrence import Recurrence, recurrence
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
@@ -53,12 +55,9 @@ a plied yarn's strands, which also give its axis and diameter (`plied.py`, `pitc
 
 METHOD_U_ANGLE = math.radians(0.01)
 METHOD_U_DIAMETER: Mapping[str, float] = {"surface": 0.003, "ply": 0.005, "tracer": 0.003}
-METHOD_U_TWIST: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
-"""Standard uncertainties of the method, common to all frames (diameter and twist relative): the size of the clip-mean
-errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result. There the diameters
-of 20 clips of plied yarn have a bias of 0.03 % and a scatter of 0.14 %, at most 0.37 %. For the slope of fibres and for
-a tracer it is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not
-mend."""
+"""Standard uncertainties of the method, common to all frames (diameter relative; of twist: `clip_twist.py`): the size
+of the clip-mean errors on rendered yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result.
+There the diameters of 20 clips of plied yarn have a bias of 0.03 % and a scatter of 0.14 %, at most 0.37 %."""
 METHOD_U_TURN = 0.4 / 360
 """Standard uncertainty of the helix' turn between two frames, common to a clip [turns]."""
 
@@ -69,12 +68,15 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
-MIN_CREDIBLE = 0.3
-"""Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
+MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.85, 0.7
+"""Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
+round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
 """Frames of a clip, at least, that hairs are counted in: neighbouring frames show the same hairs."""
+TURNED = 24
+"""Frames of a clip, about, in which fibres are looked for a full turn on."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
 
@@ -100,10 +102,45 @@ class _Frame:
     """[1/px]; NaN where not counted."""
     turn: float = math.nan
     """Turn of the helix until the next frame [rad]; NaN where not resolved or not looked at."""
+    recurrence: Recurrence | None = None
     doubt: str = ""
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
     """The frame for the contact sheet, where it is to be there."""
+
+
+class _Clip:
+    """What was found in a clip's frames, in pixels, arrays of shape (n,) but `centre`, (n, 2); NaN where nothing."""
+
+    def __init__(self, n: int):
+        self.angle, self.twist, self.diameter, self.hairs, self.turn = (np.full(n, np.nan) for _ in range(5))
+        self.centre = np.full((n, 2), np.nan)
+        self.confidence, self.flag = np.zeros(n), np.zeros(n, np.uint16)
+        self.reasons, self.doubts = Counter[str](), Counter[str]()
+        self.images: dict[int, NDArray[np.uint8]] = {}
+        self.misfits: list[float] = []
+        self.recurrences: list[Recurrence] = []
+
+    def put(self, i: int, found: _Frame) -> None:
+        """Take over frame i."""
+        self.flag[i] = found.flag
+        if found.axis is None or found.twist is None:
+            return
+        axis = found.axis
+        self.centre[i], self.angle[i], self.twist[i] = axis.centre, axis.angle, found.twist.per_pixel
+        self.hairs[i], self.turn[i] = found.hairs, found.turn
+        if found.recurrence is not None:
+            self.recurrences.append(found.recurrence)
+        if found.doubt:
+            self.doubts[found.doubt] += 1
+        else:
+            self.diameter[i] = axis.diameter
+            self.misfits.append(axis.misfit)
+        self.confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.twist.coherence) * (not found.twist.reason))
+        if found.twist.reason:
+            self.reasons[found.twist.reason] += 1
+        if found.reduced is not None:
+            self.images[i] = found.reduced
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +151,8 @@ class _Wanted:
     """Those that go on the contact sheet."""
     hairs: set[int]
     """Those whose hairs are counted."""
+    turned: set[int]
+    """Those whose fibres are looked for a full turn on."""
     pairs: NDArray[np.bool_]
     """Whether the turn until the next frame is looked at, shape (frames,)."""
 
@@ -148,46 +187,24 @@ def measure_yarn(
     """
     _check_call(method, plies, scale)
     n = len(video.frames)
-    angle, twist, diameter = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    centre = np.full((n, 2), np.nan)
-    hairs, turn = np.full(n, np.nan), np.full(n, np.nan)
-    confidence, flag = np.zeros(n), np.zeros(n, np.uint16)
-    reasons, doubts = Counter[str](), Counter[str]()
-    images: dict[int, NDArray[np.uint8]] = {}
-    misfits: list[float] = []
-    for i, found in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
-        flag[i] = found.flag
-        if found.axis is None or found.twist is None:
-            continue
-        axis = found.axis
-        centre[i], angle[i], twist[i] = axis.centre, axis.angle, found.twist.per_pixel
-        hairs[i], turn[i] = found.hairs, found.turn
-        if found.doubt:
-            doubts[found.doubt] += 1
-        else:
-            diameter[i] = axis.diameter
-            misfits.append(axis.misfit)
-        confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.twist.coherence) * (not found.twist.reason))
-        if found.twist.reason:
-            reasons[found.twist.reason] += 1
-        if found.reduced is not None:
-            images[i] = found.reduced
-
-    credible, seen = np.count_nonzero(np.isfinite(twist)), np.count_nonzero(np.isfinite(angle))
-    if credible < MIN_CREDIBLE * seen:
-        twist[:] = math.nan
-        flag[np.isfinite(angle)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
-    diameter *= scale.metres_per_pixel
-    twist /= scale.metres_per_pixel
-    hairs /= scale.metres_per_pixel
+    found = _Clip(n)
+    for i, frame in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
+        found.put(i, frame)
+    angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
+    whole = clip_twist(found.twist, np.isfinite(angle), found.recurrences, method)
+    if whole.other_hand:
+        reasons[whole.reason] += whole.other_hand
+    flag[np.isfinite(angle) & np.isnan(whole.per_pixel)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
+    twist = whole.per_pixel / scale.metres_per_pixel
+    diameter, hairs = found.diameter * scale.metres_per_pixel, found.hairs / scale.metres_per_pixel
     if video.bits <= REDUCED_BITS:
         flag |= np.uint16(FrameFlag.REDUCED_DEPTH)
     flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
     theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
     kept = (flag & FrameFlag.OUTLIER) == 0
     # what the profile's model leaves unexplained counts against the diameter
-    relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER[method], float(np.median(misfits or [0.0])))}
-    relative_u["twist"] = METHOD_U_TWIST[method]
+    misfit = float(np.median(found.misfits or [0.0]))
+    relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER[method], misfit), "twist": whole.relative_u}
     series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
     summary = _summary(series, kept, scale, relative_u)
     if cylinder_axis is None:
@@ -205,17 +222,17 @@ def measure_yarn(
         theta=theta,
         twist=twist,
         diameter=diameter,
-        confidence=confidence,
+        confidence=found.confidence,
         flag=flag,
         summary=summary,
         handedness="" if math.isnan(mean_twist) else "Z" if mean_twist > 0 else "S",
         centre=centre,
         hairiness=hairs,
         helix_rotation=rotation,
-        reason=_reason(video, scale, flag, reasons, doubts),
+        reason=_reason(video, scale, flag, reasons, found.doubts),
         thumbnails=tuple(
             _thumbnail(i, image, video.shape, centre[i], angle[i], diameter[i] / scale.metres_per_pixel, twist[i])
-            for i, image in images.items()
+            for i, image in found.images.items()
         ),
     )
 
@@ -285,7 +302,7 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
     """Yield what is found in each frame, in order; at most `threads` + 2 chunks are under way at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
-    looked_at, spaced = _looked_at(n), max(1, n // COUNTED)
+    looked_at = _looked_at(n)
     read = _locked(video.frames)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
@@ -294,11 +311,8 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
             frames = map(read, places)
             if video.sequential:
                 frames = iter([*frames])
-            wanted = _Wanted(
-                {i - start for i in shots},
-                {i - start for i in places if i % spaced == 0},
-                looked_at[start : start + CHUNK],
-            )
+            hairs, turned = ({i - start for i in places if i % max(1, n // count) == 0} for count in (COUNTED, TURNED))
+            wanted = _Wanted({i - start for i in shots}, hairs, turned, looked_at[start : start + CHUNK])
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
                 yield from running.popleft().result()
@@ -343,6 +357,8 @@ def _yarn(image: Pixels, axis: YarnAxis, method: str, plies: int, before: Pictur
     if method == "ply":
         return plied_yarn(image, axis, plies, before)
     doubt = _doubt(axis)
+    if axis.agreement < (MIN_STRAIGHT if doubt else MIN_STRAIGHT_ROUND):
+        return YarnFound(None, FrameTwist(math.nan, 0.0, 0.0, ""), doubt)
     twist = tracer_twist(image, axis) if method == "tracer" else surface_twist(image, axis)
     if doubt and method == "surface" and not twist.reason:  # its surface is unrolled by the diameter
         twist = replace(twist, per_pixel=math.nan, reason=doubt)
@@ -357,6 +373,8 @@ def _doubt(axis: YarnAxis) -> str:
         return f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
     if abs(axis.light) > FARTHEST_LIGHT:
         angle = math.degrees(abs(axis.light))
+        if angle > 90:  # more than a lamp in front of the yarn can do
+            return "one of the edges hardly stands out from the background"
         return f"the light comes from {angle:.0f}° beside the camera: the far edge is in the dark"
     if axis.misfit > MAX_MISFIT:
         return f"the profile is not that of a round body: {100 * axis.misfit:.0f} % of its height is left unexplained"
@@ -397,8 +415,11 @@ def _measure_chunk(
         if wanted.pairs[i] and math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
         crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
+        again = None
+        if method == "surface" and i in wanted.turned and math.isfinite(twist.per_pixel):
+            again = recurrence(frame, axis, twist.per_pixel)
         reduced = _reduced(frame) if i in wanted.shots else None
-        found.append(_Frame(flag, axis, twist, crossings, doubt=doubt, reduced=reduced))
+        found.append(_Frame(flag, axis, twist, crossings, recurrence=again, doubt=doubt, reduced=reduced))
     return found
 
 

@@ -243,3 +243,11 @@ def test_index_beyond_the_clip_is_a_programming_error(tmp_path):
     for index in (3, -1):
         with pytest.raises(IndexError):
             video.frames.frame(index)
+
+
+def test_gray_frames_stored_as_colour_are_as_many_as_there_are(tmp_path):
+    frames = np.arange(3 * 20 * 30, dtype=np.uint8).reshape(3, 20, 30)
+    tifffile.imwrite(tmp_path / "c.tif", np.repeat(frames[..., None], 3, axis=3), photometric="rgb")
+    video = open_video(tmp_path / "c.tif", fps=1.0)
+    assert len(video.frames) == 3
+    assert np.array_equal(video.frames.frame(2), frames[2])

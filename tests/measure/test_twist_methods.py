@@ -60,6 +60,25 @@ def test_a_tracer_fibre_dark_or_bright(dye, tan_beta):
     assert found.per_pixel == pytest.approx(twist, rel=0.02)
 
 
+@pytest.mark.parametrize("phase", np.linspace(0, 2 * math.pi, 8, endpoint=False))
+def test_a_tracer_fibre_counts_where_it_is_seen_again_a_turn_on(phase):
+    """1.25 turns in view: in some phases the fibre passes the front once, in others twice."""
+    image, twist = yarn(5, tan_beta=0.385, angle=90.0, material={"tracer": (0.2, 0.3)}, phase=phase)
+    found = tracer_twist(pixels(image), find_axis(pixels(image)))
+    if found.reason:
+        assert "the tracer fibre is seen over 0." in found.reason
+    else:
+        assert found.per_pixel == pytest.approx(twist, rel=0.015)
+
+
+def test_a_tracer_fibre_seen_twice_is_enough():
+    found = []
+    for phase in np.linspace(0, 2 * math.pi, 8, endpoint=False):
+        image, _ = yarn(5, tan_beta=0.5, angle=90.0, material={"tracer": (0.2, 0.3)}, phase=phase)
+        found.append(tracer_twist(pixels(image), find_axis(pixels(image))).per_pixel)
+    assert np.count_nonzero(np.isfinite(found)) >= 4
+
+
 def test_a_yarn_without_a_tracer_is_refused():
     for seed in range(2):
         image, _ = yarn(seed)
