@@ -5,25 +5,13 @@ import math
 import cv2
 import numpy as np
 import pytest
+from yarn_frames import clip
 
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import FrameFlag, RawVideo, Scale, Source
 from pipeline.synthetic import Material, render_frame
 
 SHAPE = (220, 280)
-
-
-class Stack:
-    """Frames in memory."""
-
-    def __init__(self, images):
-        self.images = images
-
-    def __len__(self):
-        return len(self.images)
-
-    def frame(self, index):
-        return self.images[index]
 
 
 def measured(hands):
@@ -33,8 +21,7 @@ def measured(hands):
         render_frame(material, rng, shape=SHAPE, axis_angle=0.5, diameter=36.0, twist=hand / 150, phase=0.3 * i)
         for i, hand in enumerate(hands)
     ]
-    video = RawVideo(Source("", "", 0), Stack(images), np.arange(len(hands)) / 1200, 1200.0, 12, SHAPE)
-    return measure_yarn(video, Scale(1.0, 0.0), cylinder_axis=None)
+    return measure_yarn(clip(images), Scale(1.0, 0.0), cylinder_axis=None)
 
 
 def test_a_few_frames_that_tell_the_other_hand_do_not_count():

@@ -6,23 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from yarn_frames import clip
 
 from pipeline.measure.clip_twist import METHOD_U, U_DEPTH, U_RECURRENCE
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import RawVideo, Scale, Source
+from pipeline.records import Scale
 
 DIAMETER, SHAPE, FULL = 40.0, (200, 640), 4095
-
-
-class Frames:
-    def __init__(self, images: list[NDArray[np.uint16]]) -> None:
-        self.images = images
-
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def frame(self, index: int) -> NDArray[np.uint16]:
-        return self.images[index]
 
 
 def bundle(
@@ -59,8 +49,7 @@ def bundle(
 
 
 def measured(images: list[NDArray[np.uint16]]):
-    video = RawVideo(Source("", "", 0), Frames(images), np.arange(len(images)) / 1200, 1200.0, 12, SHAPE)
-    return measure_yarn(video, Scale(1.0, 0.0), cylinder_axis=None).summary["twist"]
+    return measure_yarn(clip(images), Scale(1.0, 0.0), cylinder_axis=None).summary["twist"]
 
 
 @pytest.mark.parametrize("twist", [1 / 250, -1 / 310])

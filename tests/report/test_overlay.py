@@ -5,10 +5,11 @@ import math
 import cv2
 import numpy as np
 import pytest
+from yarn_frames import clip
 
 from pipeline.errors import InputError
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.records import FrameFlag, Scale
 from pipeline.report import overlay
 from pipeline.synthetic import Material, render_frame
 
@@ -17,24 +18,8 @@ SHAPE = (200, 320)
 DIAMETER = 40.0
 
 
-class Stack:
-    """Frames in memory; an entry that is None cannot be read."""
-
-    def __init__(self, images):
-        self.images = images
-
-    def __len__(self):
-        return len(self.images)
-
-    def frame(self, index):
-        if self.images[index] is None:
-            raise InputError("stack", f"frame {index} is truncated", "a whole frame")
-        return self.images[index]
-
-
 def measured(images):
-    video = RawVideo(Source("stack", "", 0), Stack(images), np.arange(len(images)) / 1200, 1200.0, 12, SHAPE)
-    return measure_yarn(video, SCALE, cylinder_axis=0.0)
+    return measure_yarn(clip(images), SCALE, cylinder_axis=0.0)
 
 
 @pytest.fixture(scope="module")
