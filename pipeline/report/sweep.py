@@ -7,12 +7,9 @@ from html import escape
 from importlib.metadata import version
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from pipeline.atomic import whole_folder
 from pipeline.ingest.source import source
 from pipeline.report import sweep_figures as figures
-from pipeline.report.figures import save
 from pipeline.report.page import Page
 from pipeline.report.tables import html_table, number
 from pipeline.sweep import Agreement, QuotedRow, Sweep, SweepRow, agreements, quoted_rows
@@ -180,11 +177,7 @@ def failure(row: SweepRow) -> str:
 
 def _page(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow], folder: Path) -> str:
     """The page; figures are saved on the way."""
-    page = Page(sweep.title)
-
-    def show(figure: Figure, name: str) -> None:
-        page.output(*save(figure, name, folder))
-
+    page = Page(sweep.title, folder)
     page.heading(1, "title", sweep.title)
     page.heading(2, "summary", "Summary")
     page.html(_summary_html(sweep, rows, quoted))
@@ -197,7 +190,7 @@ def _page(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow], f
             "are named; every difference stays as it came out.",
         )
         page.html(_quoted_html(sweep, quoted))
-        show(figures.differences(sweep, quoted), "quoted")
+        page.show(figures.differences(sweep, quoted), "quoted")
         page.html(_agreement_html(agreements(sweep, quoted)))
     page.heading(
         2,
@@ -212,13 +205,13 @@ def _page(sweep: Sweep, rows: Sequence[SweepRow], quoted: Sequence[QuotedRow], f
             "cylinder makes bending count, much twist or a thick cylinder lets torsion rule."
         )
         page.heading(3, "relation", f"{_numbered(sweep.relation_figure)}Bending and torsion", words)
-        show(figures.relation(sweep, rows), sweep.relation_figure)
+        page.show(figures.relation(sweep, rows), sweep.relation_figure)
     for index, study in enumerate(sweep.studies):
         title = f"{_numbered(study.figure)}Effect of {study.name}"
         page.heading(3, f"study-{index}", title, escape(study.note))
         if study.paths:
-            show(figures.paths(sweep, rows, study), f"{study.figure}_paths")
-        show(figures.effects(sweep, rows, study), study.figure)
+            page.show(figures.paths(sweep, rows, study), f"{study.figure}_paths")
+        page.show(figures.effects(sweep, rows, study), study.figure)
     page.heading(2, "numbers", "Numbers", f"Solutions of {sweep.source_model}; all models: sweep.csv.")
     page.html(_rows_html(sweep, rows))
     page.heading(2, "method", "Method", _METHOD)

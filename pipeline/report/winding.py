@@ -10,16 +10,11 @@ from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
 
-import nbformat
-from matplotlib.figure import Figure
-from nbformat.notebooknode import NotebookNode
-
 from pipeline.atomic import whole_folder
 from pipeline.ingest.source import source
 from pipeline.report import winding_figures as figures
 from pipeline.report import winding_tables as tables
-from pipeline.report.figures import save
-from pipeline.report.notebook import heading_cell, to_html
+from pipeline.report.page import Page
 from pipeline.report.tables import to_json
 from pipeline.report.winding_animation import animation_html, write_animation
 from pipeline.store import write_tree
@@ -79,14 +74,12 @@ def write_winding(study: WindingStudy, rows: Sequence[Row], folder: Path, fit: C
         changes = sensitivities(rows)
         if changes:
             _write_csv(part / "sensitivity.csv", [c.as_record() for c in changes])
-        page = _Page(part)
-        _compose(page, study, rows, found, changes, fit)
+        page = Page(study.title, part)
+        _compose(page, part, study, rows, found, changes, fit)
         page.heading(2, "method", "Method", _METHOD)
         page.heading(2, "provenance", "Provenance", "Which files went in, with which versions, and every scene in SI.")
         page.html(tables.provenance_html(made))
-        notebook = nbformat.v4.new_notebook(cells=page.cells)
-        notebook.metadata["title"] = study.title
-        (part / "wind.html").write_text(to_html(notebook), encoding="utf-8")
+        (part / "wind.html").write_text(page.to_html(), encoding="utf-8")
 
 
 def provenance(study: WindingStudy, fit: CalibratedStudy | None = None) -> dict[str, object]:
@@ -111,35 +104,9 @@ def _write_csv(path: Path, records: Sequence[dict[str, object]]) -> None:
         writer.writerows(records)
 
 
-class _Page:
-    """The page as a notebook of outputs, which the report's own template shows; figures are saved on the way."""
-
-    def __init__(self, folder: Path):
-        self.cells: list[NotebookNode] = []
-        self._folder = folder
-
-    def heading(self, level: int, name: str, text: str, words: str = "") -> None:
-        self.cells.append(heading_cell(level, name, text, words))
-
-    def html(self, text: str) -> None:
-        self._output({"text/html": text})
-
-    def show(self, figure: Figure, name: str) -> None:
-        self._output(*save(figure, name, self._folder))
-
-    def animation(self, row: Row) -> str:
-        """Save the animation of a run; what shows it."""
-        path = self._folder / "figures" / "winding.gif"
-        write_animation(row, path)
-        return animation_html(path, row)
-
-    def _output(self, data: dict[str, str], metadata: dict[str, dict[str, str]] | None = None) -> None:
-        shown = nbformat.v4.new_output("display_data", data=data, metadata=metadata or {})
-        self.cells.append(nbformat.v4.new_code_cell("", id=f"output-{len(self.cells)}", outputs=[shown]))
-
-
 def _compose(
-    page: _Page,
+    page: Page,
+    folder: Path,
     study: WindingStudy,
     rows: Sequence[Row],
     found: Sequence[Finding],
@@ -175,14 +142,16 @@ def _compose(
     page.heading(2, "frames", "The winding in frames")
     page.show(figures.frames(drawn), "frames")
     if drawn.result.snapshots:
-        page.html(page.animation(drawn))
+        animation = folder / "figures" / "winding.gif"
+        write_animation(drawn, animation)
+        page.html(animation_html(animation, drawn))
     if changes:
         _sensitivity(page, rows, changes)
     page.heading(2, "numbers", "Numbers", "All of them: runs.csv, layers.csv and results.nc.")
     page.html(tables.runs_html(rows))
 
 
-def _sensitivity(page: _Page, rows: Sequence[Row], changes: Sequence[Sensitivity]) -> None:
+def _sensitivity(page: Page, rows: Sequence[Row], changes: Sequence[Sensitivity]) -> None:
     page.heading(
         2,
         "sensitivity",

@@ -8,7 +8,7 @@ import pytest
 from yarn_frames import clip
 
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.records import FrameFlag, Scale
 from pipeline.synthetic import Material, render_frame
 
 SHAPE = (220, 280)
@@ -46,7 +46,6 @@ def test_a_clip_of_both_hands_has_no_twist():
 def test_clouds_have_no_angle(seed):
     noise = cv2.GaussianBlur(np.random.default_rng(seed).standard_normal((300, 400)), (0, 0), 3.0 + 2 * seed)
     image = np.clip(2000 + 500 * noise / noise.std(), 0, 4095).astype(np.uint16)
-    video = RawVideo(Source("", "", 0), Stack([image] * 3), np.arange(3) / 1200, 1200.0, 12, image.shape)
-    found = measure_yarn(video, Scale(1.0, 0.0), cylinder_axis=None)
+    found = measure_yarn(clip([image] * 3), Scale(1.0, 0.0), cylinder_axis=None)
     assert np.all(found.flag & FrameFlag.NO_YARN)
     assert math.isnan(found.summary["axis_angle"].mean)
