@@ -449,9 +449,10 @@ class Run:
     def snapshot(self) -> Snapshot:
         """The laid yarn now, in the bobbin's frame."""
         rod, laid = self.state.rod, int(self.state.counts[LAID])
+        laid = laid if laid > 1 else 0  # one node is no yarn yet
         angle = self.phase(self.time) * self.setup.machine.per_cycle
         x, y = rod.x[:laid], rod.y[:laid]
-        before = rod.tension[: laid - 1]
+        before = rod.tension[: max(laid - 1, 0)]
         return Snapshot(
             time=self.time,
             layer=np.floor(self.state.landed[:laid]).astype(np.int64) + 1,
@@ -589,7 +590,7 @@ def wind_reference(
         layers_T_over_T0=layer_means(end.layer, end.tension / pull, math.floor(run.phase(run.time))),
         snapshots=(*run.snapshots, end),
         energy=ledger,
-        penetration_max=float(max(depth.max(), run.state.sums[DEEPEST])),
+        penetration_max=float(depth.max(initial=run.state.sums[DEEPEST])),
         time_step=m.dt,
         time_step_limit=limit,
         element_steps=int(run.state.counts[WORK]),

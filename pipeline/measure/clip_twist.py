@@ -54,9 +54,10 @@ def clip_twist(frames: Array, yarn: NDArray[np.bool_], turns: Sequence[Recurrenc
     twist, other_hand, reason = _one_hand(frames)
     if np.count_nonzero(np.isfinite(twist)) < MIN_CREDIBLE * np.count_nonzero(yarn):
         twist = np.full(frames.size, math.nan)
-    period = full_turn(turns) if np.any(np.isfinite(twist)) else math.nan
+    slope = float(np.nanmedian(np.abs(twist))) if np.any(np.isfinite(twist)) else math.nan
+    period = full_turn(turns, slope) if math.isfinite(slope) else math.nan
     if math.isfinite(period):  # how deep below the outline the fibres run no longer counts
-        twist = twist / (period * float(np.nanmedian(np.abs(twist))))
+        twist = twist / (period * slope)
         u = U_RECURRENCE
     else:
         u = math.hypot(METHOD_U[method], U_DEPTH) if method == "surface" else METHOD_U[method]

@@ -6,10 +6,11 @@ outline's radius, and the slope tells a twist that is as much too small. Fibres 
 at the front at x is there again at x + 1/T, whatever ρ. The unrolled surface is therefore correlated with itself about
 one turn on,
 
-    S(P) = mean over Δγ of C(P + Δγ/(2πT'), Δγ),   P from `NEAREST` to `FARTHEST` times 1/T',
+    S(P) = mean over Δγ of C(P + Δγ/(2πT'), Δγ),   P up to `FARTHEST` times 1/T',
 
-along the slope T' that was found, and averaged over frames. Its maximum is at P = 1/T. Where fibres end or dive before
-that there is none, so it only counts where it is `MIN_SCORE` high and stands out of all other P by `MIN_CONTRAST`.
+along the slope T' that was found, and averaged over frames. Its maximum is at P = 1/T, from `NEAREST` on. Where fibres
+end or dive before that there is none, but other fibres that are alike by chance. They are so at any P, also at one too
+short for a turn: a maximum only counts where it is `MIN_SCORE` high and stands out of all other P by `MIN_CONTRAST`.
 """
 
 import math
@@ -27,7 +28,9 @@ from pipeline.records import Array
 STEP = 0.003
 """Relative step of P."""
 NEAREST, FARTHEST = 0.74, 1.08
-"""Range of P over that of the slope: fibres run at 0.74 of the outline's radius or further out."""
+"""Range of a full turn over that of the slope: fibres run at 0.74 of the outline's radius or further out."""
+SHORTEST = 0.2
+"""From here on P is too far for the same fibre at the same place, and shows what is alike by chance."""
 REACH = 0.8
 """Share of the face that Δγ reaches over, at most."""
 LONGEST = 0.15
@@ -37,8 +40,9 @@ OVERLAP = 1.0
 PEAK = 0.03
 """Relative distance from the maximum from which P is another one."""
 MIN_FRAMES = 3
-MIN_SCORE = 0.25
-MIN_CONTRAST = 0.45
+MIN_SCORE = 0.2
+MIN_CONTRAST = 0.5
+"""None of the 60 single yarns of benchmarks/measure_coverage.py, whose fibres end after half a turn, has more than 0.3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ class Recurrence:
     first: int
     """k of the first P."""
     scores: Array
+    """Weighed by the root of the length that is seen twice, over that in view: chance alone is then alike at all P."""
 
 
 def recurrence(image: Image | Pixels, axis: YarnAxis, per_pixel: float) -> Recurrence | None:
@@ -62,7 +67,7 @@ def recurrence(image: Image | Pixels, axis: YarnAxis, per_pixel: float) -> Recur
     step = 1 / step_across(axis.angle)  # of the columns [px]
     rise = math.pi * per_pixel * axis.diameter * step  # rows of γ per column
     turn = 1 / abs(per_pixel)
-    tried = np.arange(math.ceil(math.log(NEAREST * turn) / STEP), math.floor(math.log(FARTHEST * turn) / STEP) + 1)
+    tried = np.arange(math.ceil(math.log(SHORTEST * turn) / STEP), math.floor(math.log(FARTHEST * turn) / STEP) + 1)
     periods = np.exp(STEP * tried)
     if axis.length < FARTHEST * turn * (1 + LONGEST) + OVERLAP * axis.diameter:
         return None
@@ -82,21 +87,28 @@ def recurrence(image: Image | Pixels, axis: YarnAxis, per_pixel: float) -> Recur
         together = scipy.fft.irfft(np.einsum("ij,ij->j", before.conj(), after), size)[first : last + 1]
         scores += np.interp(periods + d / rise, lags, together / (columns - lags))
         pairs += rows - abs(d)
-    return Recurrence(int(tried[0]), scores / pairs)
+    return Recurrence(int(tried[0]), scores / pairs * np.sqrt(1 - periods / columns))
 
 
-def full_turn(found: Sequence[Recurrence]) -> float:
-    """Return the length of a full turn [px] from the frames of a clip; NaN where no one length stands out."""
+def full_turn(found: Sequence[Recurrence], per_pixel: float) -> float:
+    """Return the length of a full turn [px] from the frames of a clip; NaN where no one length stands out.
+
+    Parameters
+    ----------
+    found : S of some frames.
+    per_pixel : the twist of the clip that the slope of its fibres tells [1/px].
+    """
     if len(found) < MIN_FRAMES:
         return math.nan
     first = max(one.first for one in found)
     past = min(one.first + one.scores.size for one in found)
-    if past - first < (math.log(FARTHEST) - math.log(NEAREST)) / STEP / 2:
+    low, high = (round(math.log(share / abs(per_pixel)) / STEP) - first for share in (NEAREST, FARTHEST))
+    if low < 1 or past - first < (low + high) / 2:
         return math.nan
     scores = np.mean([one.scores[first - one.first : past - one.first] for one in found], axis=0)
-    best = int(np.argmax(scores))
+    best = low + int(np.argmax(scores[low : high + 1]))
     other = np.abs(np.arange(scores.size) - best) > PEAK / STEP
-    if not 0 < best < scores.size - 1 or scores[best] < MIN_SCORE:
+    if not low < best < scores.size - 1 or scores[best] < MIN_SCORE:
         return math.nan
     if 1 - float(scores[other].max()) / float(scores[best]) < MIN_CONTRAST:
         return math.nan

@@ -74,9 +74,8 @@ round nor straight is the edge of something else or no thing at all, and its ang
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
-"""Frames of a clip, at least, that hairs are counted in: neighbouring frames show the same hairs."""
-TURNED = 24
-"""Frames of a clip, about, in which fibres are looked for a full turn on."""
+"""Frames of a clip, at least, that hairs are counted in and fibres looked for a full turn on: neighbouring frames show
+the same ones."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
 
@@ -149,10 +148,8 @@ class _Wanted:
 
     shots: set[int]
     """Those that go on the contact sheet."""
-    hairs: set[int]
-    """Those whose hairs are counted."""
-    turned: set[int]
-    """Those whose fibres are looked for a full turn on."""
+    counted: set[int]
+    """Those whose hairs are counted, and whose fibres are looked for a full turn on."""
     pairs: NDArray[np.bool_]
     """Whether the turn until the next frame is looked at, shape (frames,)."""
 
@@ -302,7 +299,7 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
     """Yield what is found in each frame, in order; at most `threads` + 2 chunks are under way at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
-    looked_at = _looked_at(n)
+    looked_at, spaced = _looked_at(n), max(1, n // COUNTED)
     read = _locked(video.frames)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
@@ -311,8 +308,8 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
             frames = map(read, places)
             if video.sequential:
                 frames = iter([*frames])
-            hairs, turned = ({i - start for i in places if i % max(1, n // count) == 0} for count in (COUNTED, TURNED))
-            wanted = _Wanted({i - start for i in shots}, hairs, turned, looked_at[start : start + CHUNK])
+            counted = {i - start for i in places if i % spaced == 0}
+            wanted = _Wanted({i - start for i in shots}, counted, looked_at[start : start + CHUNK])
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
                 yield from running.popleft().result()
@@ -414,9 +411,9 @@ def _measure_chunk(
             found[-1] = replace(found[-1], turn=turn)
         if wanted.pairs[i] and math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
-        crossings = hairiness(frame, axis) if i in wanted.hairs else math.nan
+        crossings = hairiness(frame, axis) if i in wanted.counted else math.nan
         again = None
-        if method == "surface" and i in wanted.turned and math.isfinite(twist.per_pixel):
+        if method == "surface" and i in wanted.counted and math.isfinite(twist.per_pixel):
             again = recurrence(frame, axis, twist.per_pixel)
         reduced = _reduced(frame) if i in wanted.shots else None
         found.append(_Frame(flag, axis, twist, crossings, recurrence=again, doubt=doubt, reduced=reduced))

@@ -137,8 +137,10 @@ def _compose(
     weak = next((row for row in rows if row.variant and row.case.name == drawn.case.name and weak_inside(row)), None)
     if weak is not None and not weak_inside(drawn):
         page.show(figures.package(weak), "fig09_package_weak_inside")
-    page.show(figures.layer_tension([row for row in base if row.layers.size]), "layers")
-    page.html(tables.layers_html(base))
+    layered = [row for row in base if row.layers.size]
+    if layered:
+        page.show(figures.layer_tension(layered), "layers")
+        page.html(tables.layers_html(base))
     page.heading(2, "frames", "The winding in frames")
     page.show(figures.frames(drawn), "frames")
     if drawn.result.snapshots:

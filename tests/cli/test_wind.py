@@ -276,3 +276,12 @@ def test_a_finished_reference_run_is_read_back_for_its_page(yarnval, small, tmp_
         for name in ("first", "again")
     ]
     assert np.array_equal(*tension)
+
+
+@pytest.mark.parametrize("mode", ["fast", "reference"])
+def test_a_run_too_short_to_lay_a_layer_has_its_page(yarnval, small, tmp_path, mode):
+    edit(small, "duration_s = 0.4", "duration_s = 0.01")
+    assert yarnval("wind", small, "--mode", mode, "--case", "fine", "--out", tmp_path / "out").code == 0
+    text = (tmp_path / "out" / "small" / "wind.html").read_text(encoding="utf-8")
+    assert "layers.svg" not in text
+    assert "Figure 7" in text
