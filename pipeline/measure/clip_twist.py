@@ -22,7 +22,7 @@ outline is not known. On a painted cylinder it is the outline; what is seen of a
 U_RECURRENCE = 0.005
 """The same for the twist of a single yarn whose fibres are seen again after a full turn (`recurrence.py`)."""
 MIN_CREDIBLE = 0.3
-"""Share of the frames with yarn whose twist must be credible: fewer are so by chance."""
+"""Share of the frames with yarn whose twist, or diameter, must be credible: fewer are so by chance."""
 MAX_OTHER_HAND = 0.2
 """Share of the frames with a twist that may tell the other hand."""
 

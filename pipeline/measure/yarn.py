@@ -36,7 +36,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
 from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
-from pipeline.measure.clip_twist import clip_twist
+from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
 from pipeline.measure.plied import YarnFound, plied_yarn
@@ -141,6 +141,13 @@ class _Clip:
         if found.reduced is not None:
             self.images[i] = found.reduced
 
+    def drop_chance_diameters(self) -> None:
+        """Leave no diameter where few of the frames with yarn have a credible one."""
+        seen = np.isfinite(self.angle)
+        if np.count_nonzero(np.isfinite(self.diameter)) < MIN_CREDIBLE * np.count_nonzero(seen):
+            self.diameter[:] = math.nan
+            self.flag[seen] |= np.uint16(FrameFlag.DIAMETER_NOT_CREDIBLE)
+
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
@@ -187,6 +194,7 @@ def measure_yarn(
     found = _Clip(n)
     for i, frame in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
         found.put(i, frame)
+    found.drop_chance_diameters()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
     whole = clip_twist(found.twist, np.isfinite(angle), found.recurrences, method)
     if whole.other_hand:

@@ -5,11 +5,11 @@ import math
 import cv2
 import numpy as np
 import pytest
-from yarn_frames import clip
+from yarn_frames import clip, yarn
 
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import FrameFlag, Scale
-from pipeline.synthetic import Material, render_frame
+from pipeline.synthetic import Material, Optics, render_frame
 
 SHAPE = (220, 280)
 
@@ -49,3 +49,14 @@ def test_clouds_have_no_angle(seed):
     found = measure_yarn(clip([image] * 3), Scale(1.0, 0.0), cylinder_axis=None)
     assert np.all(found.flag & FrameFlag.NO_YARN)
     assert math.isnan(found.summary["axis_angle"].mean)
+
+
+@pytest.mark.parametrize(("sharp", "given"), [(1, False), (2, True)])
+def test_a_diameter_in_few_of_the_frames_is_chance(sharp, given):
+    images = [
+        yarn(i, shape=SHAPE, tan_beta=0.4, angle=40, diameter=36.0, optics=Optics(defocus=0.0 if i < sharp else 6.0))[0]
+        for i in range(5)
+    ]
+    found = measure_yarn(clip(images), Scale(1.0, 0.0), cylinder_axis=None)
+    assert np.count_nonzero(found.flag & FrameFlag.DIAMETER_NOT_CREDIBLE) == (5 - sharp if given else 5)
+    assert math.isfinite(found.summary["diameter"].mean) == given
