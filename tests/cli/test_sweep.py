@@ -230,7 +230,7 @@ def test_a_failing_step_leaves_the_earlier_sweep(small, tmp_path, monkeypatch):
     rows = run_sweep(sweep)
     page.write_sweep(sweep, rows, tmp_path / "small")
     before = (tmp_path / "small/sweep.csv").read_bytes()
-    monkeypatch.setattr(page, "to_html", lambda *_: 1 / 0)
+    monkeypatch.setattr(page.Page, "to_html", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         page.write_sweep(sweep, rows[::-1], tmp_path / "small")
     assert (tmp_path / "small/sweep.csv").read_bytes() == before
