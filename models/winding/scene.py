@@ -17,6 +17,11 @@ Mode = Literal["auto", "fast", "reference"]
 Feed = Literal["active", "tail"]
 Wanted = Literal["span", "layers"]
 
+LONGEST = 3600.0
+"""Longest run [s]: its tension is sampled all along."""
+MOST_ELEMENTS = 250_000
+"""Elements of wound yarn, 1 km of 4 mm: the fast mode's time and memory grow at least with them."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindingScene:
@@ -129,6 +134,10 @@ class WindingScene:
         self._require("cone_angle", abs(self.cone_angle) < math.pi / 4 and smallest > 0, "must leave a radius above 0")
         self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, "must leave it above 0")
         self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, "must leave it above 0")
+        self._require("duration", self.duration <= LONGEST, f"must be at most {LONGEST:g} s")
+        elements = self.wound_length / self.element_length
+        fits = elements <= MOST_ELEMENTS
+        self._require("duration", fits, f"winds {elements:.3g} elements of yarn, at most {MOST_ELEMENTS} are possible")
         self._require("element_length", self.element_length > self.diameter, f"must exceed d = {self.diameter:g} m")
         self._require("element_length", 4 * self.element_length <= self.guide_distance, "must be ≤ guide_distance / 4")
         if self.time_step is not None:

@@ -63,8 +63,10 @@ def checkpoints(path: Path, cases: Sequence[WindingCase]) -> dict[str, FileCheck
     Raises
     ------
     InputError
-        If a file is there and is not the state of that scene, or the folder is not there.
+        If a file is there and is not the state of that scene, or the folder is not there, or `path` is one.
     """
+    if path.is_dir():
+        raise InputError(path, "a folder", "give a file in it")
     if not path.parent.is_dir():
         raise InputError(path, "no such folder", "give a file in an existing folder")
     if len(cases) == 1:
