@@ -1,10 +1,9 @@
 """Twist of a single yarn over a clip, from the fibres that come back to the front after a full turn.
 
 The slope of the fibres on the unrolled surface (`twist.py`) is 2πTρ, and only where they run on the outline itself ρ is
-half of the yarn's diameter. Fibres have a thickness and wander: what is seen of a bundle runs at some 0.9 of the
-outline's radius, and the slope tells a twist that is as much too small. Fibres are many turns long, though, and what is
-at the front at x is there again at x + 1/T, whatever ρ. The unrolled surface is therefore correlated with itself about
-one turn on,
+half of the yarn's diameter. Fibres have a thickness and wander: they run below the outline, and the slope tells a twist
+that is as much too small. Fibres are many turns long, though, and what is at the front at x is there again at x + 1/T,
+whatever ρ. The unrolled surface is therefore correlated with itself about one turn on,
 
     S(P) = mean over Δγ of C(P + Δγ/(2πT'), Δγ),   P up to `FARTHEST` times 1/T',
 
@@ -42,7 +41,8 @@ PEAK = 0.03
 MIN_FRAMES = 3
 MIN_SCORE = 0.2
 MIN_CONTRAST = 0.5
-"""None of the 60 single yarns of benchmarks/measure_coverage.py has 0.3: their fibres end after half a turn."""
+"""With it no return is found in the 60 single yarns of benchmarks/measure_coverage.py, whose fibres end after half a
+turn."""
 
 
 @dataclass(frozen=True, slots=True)
