@@ -19,8 +19,8 @@ Wanted = Literal["span", "layers"]
 
 LONGEST = 3600.0
 """Longest run [s]: its tension is sampled all along."""
-MOST_ELEMENTS = 250_000
-"""Elements of wound yarn, 1 km of 4 mm: the fast mode's time and memory grow at least with them."""
+MOST_ELEMENTS = 100_000
+"""Elements of wound yarn, 200 m of 2 mm: crossings, and with them memory, grow with their square, to about 0.7 GB."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +51,10 @@ class WindingScene:
     transverse_stiffness: float = 2.4e7
     """K_t [N/m²]: contact force per length of yarn over approach, yarn against a rigid surface. [A] decides the tension
     of the layers. 2.4e7 is stiff (the yarn sinks by 0.2 % of its diameter), 4e5 soft (10 %); calibrate it."""
+    grip_length: float = 4e-3
+    """√(EA/K_g) [m], K_g the stiffness of the bobbin's grip along its surface per length of yarn: over this length of
+    held yarn a change of tension dies out. [P] rough contact, no slip: 0 would be rigid; [A] 4 mm, two of the paper's
+    elements. It decides how much slack the span still draws out of yarn that sinks while it lands."""
     contact_damping: float = 0.2
     """Damping of the transverse contact over critical. [A]."""
     friction_static: float = 0.30
@@ -112,8 +116,9 @@ class WindingScene:
 
     def __post_init__(self) -> None:
         for name in (
-            "linear_density", "diameter", "axial_stiffness", "transverse_stiffness", "speed", "tension", "feed_length",
-            "guide_distance", "feed_memory", "turns_per_cycle", "bobbin_radius", "duration", "element_length",
+            "linear_density", "diameter", "axial_stiffness", "transverse_stiffness", "grip_length", "speed", "tension",
+            "feed_length", "guide_distance", "feed_memory", "turns_per_cycle", "bobbin_radius", "duration",
+            "element_length",
         ):  # fmt: skip
             self._require(name, 0.0 < getattr(self, name) < math.inf, "must be greater than 0")
         for name in (

@@ -143,7 +143,7 @@ BAD = [
     ("element_mm = 4", "element_mm = 40", ("element_mm = 40", "guide_distance")),
     ("duration_s = 0.4", "duration_s = nan", ("'duration_s' is nan", "finite")),
     ("duration_s = 0.4", "duration_s = 1e9", ("duration_s = 1e+09", "at most 3600 s")),
-    ("duration_s = 0.4", "duration_s = 3000", ("duration_s = 3000", "elements of yarn, at most 250000")),
+    ("duration_s = 0.4", "duration_s = 3000", ("duration_s = 3000", "elements of yarn, at most 100000")),
     ("element_mm = 4", "winding_angle_deg = 60", ("winding_angle_deg = 60", "45°")),
     ("element_mm = 4", "prony_weights = [0.123, 924.09]", ("prony_weights = 0.123, 924.09", "sum < 1")),
     ("element_mm = 4", "elements_mm = 4", ("[scene]", "unknown key 'elements_mm'", "did you mean 'element_mm'?")),

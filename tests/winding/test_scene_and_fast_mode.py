@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from winding_scenes import winding_scene
 
 from models.winding.drive import travel, traverse
-from models.winding.package import SUNK
+from models.winding.landing import sunk_share
 from models.winding.result import WindingOutcome, WindingResult
 from models.winding.solve import wind
 
@@ -83,7 +83,7 @@ def test_stiff_yarn_keeps_its_tension_soft_yarn_loses_it_towards_the_inside(full
 
 
 def test_a_single_soft_loop_loses_what_its_sinking_predicts():
-    # Held after it has sunk by SUNK T/(R K_t), a loop sinks on until K_t δ = T'/R, here on a path of angle α.
+    # Held after a share of its sinking T/(R K_t), a loop sinks on until K_t δ = T'/R, here on a path of angle α.
     scene = winding_scene(duration=0.1, transverse_stiffness=SOFT, prony_weights=(0.0, 0.0))
     shot = wind(scene).snapshots[-1]
     lost = scene.softness * math.cos(scene.winding_angle) ** 4
@@ -92,7 +92,7 @@ def test_a_single_soft_loop_loses_what_its_sinking_predicts():
     alone = (slope < math.sin(scene.winding_angle) * 1.05) & (np.arange(len(slope)) > 100)
     bearing = scene.transverse_stiffness * sunk * scene.bobbin_radius / math.cos(scene.winding_angle) ** 2
     assert np.median(bearing[alone] / shot.tension[alone]) == pytest.approx(1, rel=0.03)
-    assert np.median(shot.tension[alone]) == pytest.approx(0.5 * (1 + SUNK * lost) / (1 + lost), rel=0.05)
+    assert np.median(shot.tension[alone]) == pytest.approx(0.5 * (1 + sunk_share(scene) * lost) / (1 + lost), rel=0.05)
 
 
 def test_a_ramp_of_tension_is_followed():
