@@ -36,7 +36,7 @@ from models.winding.package import (
     put_on_top,
     yarn_of,
 )
-from models.winding.result import Progress, Snapshot, WindingOutcome, WindingResult
+from models.winding.result import Progress, Snapshot, WindingOutcome, WindingResult, giving_said
 from models.winding.sampling import SHOWN_LAYERS, layer_means, sample_times, window_means
 from models.winding.scene import WindingScene
 from models.winding.settle import Room, new_room, settle
@@ -202,19 +202,20 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     guide_phase = np.interp(ends, time[:total], schedule.phase[:total])
     end = snapshots[-1]
     pull = scene.tension + scene.tension_slope * time[:total]
+    deepest = _deepest(package, yarn, total)
     return WindingResult(
         scene=scene,
         mode="fast",
         mode_reason=reason,
         outcome=WindingOutcome.COMPLETED,
-        message="",
+        message=giving_said(scene, deepest),
         time=ends,
         span_tension=window_means(while_laid, tension, ends),
         guide_phase=guide_phase,
         guide_position=scene.stroke * traverses(guide_phase, scene.reversal),
         layers_T_over_T0=layer_means(end.layer, end.tension / pull, math.floor(scene.cycles)),
         snapshots=tuple(snapshots),
-        penetration_max=_deepest(package, yarn, total),
+        penetration_max=deepest,
         element_steps=visits,
         wall_s=perf_counter() - begin,
     )

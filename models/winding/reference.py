@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from models.winding.contact import Bobbin, Crossing, new_grip, new_pairs
 from models.winding.drive import travel, traverses
-from models.winding.result import Checkpoint, EnergyLedger, Kept, Progress, Snapshot, WindingOutcome, WindingResult
+from models.winding.result import (
+    Checkpoint,
+    EnergyLedger,
+    Kept,
+    Progress,
+    Snapshot,
+    WindingOutcome,
+    WindingResult,
+    giving_said,
+)
 from models.winding.rod import Material, new_rod
 from models.winding.sampling import SAMPLE_INTERVAL, SHOWN_LAYERS, layer_means, sample_times
 from models.winding.scene import WindingScene
@@ -282,12 +291,13 @@ def wind_reference(
     pull = scene.tension + scene.tension_slope * end.time
     ledger = EnergyLedger(*np.array(run.ledger).T)
     depth = bobbin.radius + bobbin.taper * end.position[:, 2] - np.hypot(*end.position[:, :2].T)
+    deepest = float(depth.max(initial=run.state.sums[DEEPEST]))
     return WindingResult(
         scene=scene,
         mode="reference",
         mode_reason=reason,
         outcome=outcome,
-        message="" if outcome.ok else f"{outcome.value} (at t = {run.time:.4g} s)",
+        message=giving_said(scene, deepest) if outcome.ok else f"{outcome.value} (at t = {run.time:.4g} s)",
         time=done,
         span_tension=np.array(run.span),
         guide_phase=phase,
@@ -295,7 +305,7 @@ def wind_reference(
         layers_T_over_T0=layer_means(end.layer, end.tension / pull, math.floor(run.phase(run.time))),
         snapshots=(*run.snapshots, end),
         energy=ledger,
-        penetration_max=float(depth.max(initial=run.state.sums[DEEPEST])),
+        penetration_max=deepest,
         time_step=m.dt,
         time_step_limit=limit,
         element_steps=int(run.state.counts[WORK]),

@@ -17,8 +17,8 @@ Mode = Literal["auto", "fast", "reference"]
 Feed = Literal["active", "tail"]
 Wanted = Literal["span", "layers"]
 
-LONGEST = 3600.0
-"""Longest run [s]: its tension is sampled all along."""
+SHORTEST, LONGEST = 1e-3, 3600.0
+"""Of a run [s]: one sample of its tension, and as many as may be kept."""
 MOST_ELEMENTS = 100_000
 """Elements of wound yarn, 200 m of 2 mm: crossings, and with them memory, grow with their square, to about 0.7 GB."""
 
@@ -130,6 +130,9 @@ class WindingScene:
             self._require(name, math.isfinite(getattr(self, name)), "must be a finite number")
         self._require("friction_dynamic", self.friction_dynamic <= self.friction_static, "must not exceed the static")
         self._require("winding_angle", 0.0 < self.winding_angle < math.pi / 4, "must be between 0 and π/4 rad (45°)")
+        self._require(
+            "turns_per_cycle", self.turns_per_cycle >= 0.5, "must be at least 0.5: else all yarn lies on one ring"
+        )
         self._require("reversal", 0.0 < self.reversal <= 0.25, "must be above 0 and at most 0.25")
         self._require("prony_times", len(self.prony_times) == len(self.prony_weights), "must pair with prony_weights")
         self._require("prony_times", all(0.0 < t < math.inf for t in self.prony_times), "must be greater than 0")
@@ -137,14 +140,21 @@ class WindingScene:
         self._require("prony_weights", all(g >= 0 for g in weights) and sum(weights) < 1, "must be ≥ 0 with a sum < 1")
         smallest = self.bobbin_radius - math.tan(abs(self.cone_angle)) * self.stroke / 2
         self._require("cone_angle", abs(self.cone_angle) < math.pi / 4 and smallest > 0, "must leave a radius above 0")
-        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, "must leave it above 0")
-        self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, "must leave it above 0")
-        self._require("duration", self.duration <= LONGEST, f"must be at most {LONGEST:g} s")
+        until_end = "must leave it above 0 to the end of the run"
+        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, until_end)
+        self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, until_end)
+        self._require("duration", SHORTEST <= self.duration <= LONGEST, f"must be {SHORTEST:g} to {LONGEST:g} s")
         elements = self.wound_length / self.element_length
         fits = elements <= MOST_ELEMENTS
         self._require("duration", fits, f"winds {elements:.3g} elements of yarn, at most {MOST_ELEMENTS} are possible")
-        self._require("element_length", self.element_length > self.diameter, f"must exceed d = {self.diameter:g} m")
+        free = self.guide_distance + self.feed_length
+        fits = free <= MOST_ELEMENTS * self.element_length
+        self._require("feed_length", fits, f"{free:g} m of free yarn are more than {MOST_ELEMENTS} elements")
+        self._require("element_length", self.element_length > self.diameter, "must exceed the yarn's diameter")
         self._require("element_length", 4 * self.element_length <= self.guide_distance, "must be ≤ guide_distance / 4")
+        self._require(
+            "element_length", 4 * self.element_length <= smallest, "must be ≤ a quarter of the bobbin's radius"
+        )
         if self.time_step is not None:
             self._require("time_step", 0.0 < self.time_step < math.inf, "must be greater than 0, or None")
 

@@ -34,15 +34,17 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 CELL = 7.5e-3
-"""Longest cell of the string [m]: half of that changes the tension of a short package by 1 % (rms over the cycle)."""
-FEWEST = 3
-"""Cells of each part of the string."""
+"""Usual cell of the string [m]: half of that changes the tension of a short package by 1 % (rms over the cycle)."""
+FEWEST, MOST = 3, 300
+"""Cells of each part of the string: a span of metres has waves that are slower than they need to be told."""
 TAIL_SEEN = 0.3
 """Length of a tail whose motion across is computed [m]."""
 COURANT = 0.9
 """Distance in cells that a wave travels in a step."""
 SLOWEST = 4.0
 """Least c over V: yarn nearly as fast as its own waves is computed with faster ones, so that it lags as if at rest."""
+STEPS = 200
+"""Most steps per node, about: waves that come and go more often meanwhile may be slower, the yarn follows at once."""
 
 _travel = inner(travel)
 _traverse = inner(traverse)
@@ -249,7 +251,8 @@ def fly(m: Line, time: Array, cells_front: int, cells_back: int, length_back: fl
     for k in range(1, time.size):
         duration = time[k] - time[k - 1]
         fastest = _travel(time[k], m.speed, m.rise, m.speed_slope)[1] * (1 + abs(m.taper) * m.stroke / 2 / m.radius)
-        c = max(math.sqrt((m.pull + m.pull_slope * time[k]) / m.density), SLOWEST * fastest)
+        c = min(math.sqrt((m.pull + m.pull_slope * time[k]) / m.density), STEPS * COURANT * cell / duration - fastest)
+        c = max(c, SLOWEST * fastest)
         steps = int(duration * (fastest + c) / (COURANT * cell)) + 1
         dt = duration / steps
         for step in range(1, steps + 1):
@@ -274,7 +277,7 @@ def fly(m: Line, time: Array, cells_front: int, cells_back: int, length_back: fl
 def path(scene: WindingScene, time: Array) -> tuple[Array, Array, Array]:
     """As `fly`, for `scene` and the times at which the nodes touch [s], shape (n,)."""
     back = scene.feed_length if scene.feed == "active" else min(scene.feed_length, TAIL_SEEN)
-    cells_front, cells_back = (max(math.ceil(x / CELL), FEWEST) for x in (scene.guide_distance, back))
+    cells_front, cells_back = (min(max(math.ceil(x / CELL), FEWEST), MOST) for x in (scene.guide_distance, back))
     return fly(line_of(scene), time, cells_front, cells_back, back)
 
 
