@@ -6,20 +6,29 @@ why. Compiled: on the 70 rows of a profile nearly all the time would be Python's
 """
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
-from models.compiled import compiled, inner
+from models.compiled import inner, summing
 from models.newton import lu_factor, lu_solve
+from pipeline.measure.lines import Image
 from pipeline.records import Array
 
 SETTLED = 0.02
 """Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
 INNER = 0.5
 """Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
+NODES = 3.0
+"""Nodes of the integral over γ per pixel of the radius: closer than the narrowest usual blur."""
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
 FAR = 6.0
 """Distance in standard deviations from which on the blur is taken for 0."""
+
+
+@inner
+def background(profile: Array) -> tuple[float, float]:
+    """Return the levels beside the yarn, at the first and the last row of a profile, shape (2h + 1,)."""
+    return profile[:3].mean(), profile[-3:].mean()
 
 
 @inner
@@ -31,7 +40,7 @@ def middle(profile: Array) -> float:
     profile : shape (2h + 1,).
     """
     level = profile.mean()
-    first_end, last_end = profile[:3].mean(), profile[-3:].mean()
+    first_end, last_end = background(profile)
     ground = first_end if abs(first_end - level) >= abs(last_end - level) else last_end
     height = np.abs(profile - ground)
     height /= max(height.max(), 1e-9) / 2
@@ -44,12 +53,16 @@ def middle(profile: Array) -> float:
     return (first + last - (profile.size - 1)) / 2
 
 
-@lru_cache(maxsize=16)
-def quadrature(count: int) -> tuple[Array, Array]:
-    """Return sin γ over (−π/2, π/2) at Gauss–Legendre nodes, and weights for dw/R."""
-    nodes, weights = np.polynomial.legendre.leggauss(count)
-    gamma = nodes * (math.pi / 2)
-    return np.sin(gamma), weights * (math.pi / 2) * np.cos(gamma)
+@inner
+def quadrature(fewest: float) -> tuple[Array, Array]:
+    """Return nodes and weights on (−1, 1), `fewest` or a few more: panels of as many Gauss–Legendre nodes each."""
+    panels = max(1, math.ceil(fewest / GAUSS_NODES.size))
+    nodes, weights = np.empty(panels * GAUSS_NODES.size), np.empty(panels * GAUSS_NODES.size)
+    for i in range(panels):
+        for j in range(GAUSS_NODES.size):
+            nodes[i * GAUSS_NODES.size + j] = (2 * i + 1 + GAUSS_NODES[j]) / panels - 1
+            weights[i * GAUSS_NODES.size + j] = GAUSS_WEIGHTS[j] / panels
+    return nodes, weights
 
 
 @inner
@@ -59,7 +72,7 @@ def _body(across: Array, offset: float, radius: float, blur: float, sine: Array,
     Parameters
     ----------
     across : w, shape (n,) [px].
-    sine, share : see `quadrature`.
+    sine, share : sin γ at nodes over (−π/2, π/2), and weights for dw/R.
 
     Returns
     -------
@@ -85,23 +98,22 @@ def _body(across: Array, offset: float, radius: float, blur: float, sine: Array,
     return integrals
 
 
+@summing
+def dot(first: Array | Image, second: Array | Image) -> float:
+    """Return the sum of the products of two arrays of shape (n,)."""
+    total = first[0] * second[0]
+    for k in range(1, first.size):
+        total += first[k] * second[k]
+    return total
+
+
 @inner
-def products(first: Array, second: Array) -> Array:
+def products(first: Array, second: Array | Image) -> Array:
     """Return first · secondᵀ of shapes (m, n) and (k, n): written out, because calling BLAS for it costs more."""
-    products = np.zeros((first.shape[0], second.shape[0]))
+    products = np.empty((first.shape[0], second.shape[0]))
     for i in range(first.shape[0]):
         for j in range(second.shape[0]):
-            # four sums, which the processor adds up side by side
-            a, b, c, d = 0.0, 0.0, 0.0, 0.0
-            whole = first.shape[1] // 4 * 4
-            for k in range(0, whole, 4):
-                a += first[i, k] * second[j, k]
-                b += first[i, k + 1] * second[j, k + 1]
-                c += first[i, k + 2] * second[j, k + 2]
-                d += first[i, k + 3] * second[j, k + 3]
-            for k in range(whole, first.shape[1]):
-                a += first[i, k] * second[j, k]
-            products[i, j] = a + b + c + d
+            products[i, j] = dot(first[i], second[j])
     return products
 
 
@@ -150,15 +162,15 @@ def _residuals(
     return rest[0], coefficients
 
 
-@compiled
+@inner
 def weights(profile: Array, spread: Array) -> Array:
     """Return each row's weight, the inverse of its values' spread: texture in the body must not outweigh the edges."""
     return 1 / np.maximum(spread, 1e-3 * max(profile.max() - profile.min(), 1e-9))
 
 
-@compiled
+@inner
 def fit_profile(
-    profile: Array, spread: Array, offset: float, radius: float, blur: float, sine: Array, share: Array
+    profile: Array, spread: Array, offset: float, radius: float, blur: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
     """Fit the blurred, shaded body without a shadow to a profile: the fields of `LitProfile`, zeros without contrast.
 
@@ -169,8 +181,10 @@ def fit_profile(
     ----------
     profile, spread : mean and interquartile range of the strip's rows, shape (2h + 1,).
     offset, radius, blur : where to start from [px].
-    sine, share : see `quadrature`.
     """
+    nodes, gauss = quadrature(NODES * radius)
+    gamma = nodes * (math.pi / 2)
+    sine, share = np.sin(gamma), gauss * (math.pi / 2) * np.cos(gamma)
     half = profile.size // 2
     across = np.arange(-half, half + 1).astype(np.float64)
     outer = np.abs(across) > INNER * radius

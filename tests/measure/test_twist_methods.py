@@ -121,7 +121,6 @@ def test_a_profile_with_a_shadow_is_fitted_exactly(radius, offset, blur, light, 
     profile = np.array([np.sum(surface * np.exp(-0.5 * ((x - place) / blur) ** 2)) for x in w])
     profile = 300 + w + 1000 * profile / (blur * math.sqrt(2 * math.pi))
     found = fit_lit(profile, np.ones(profile.size), side_starts(profile, 1.0))
-    assert found is not None
     assert found.radius == pytest.approx(radius, rel=4e-3)
     assert found.offset == pytest.approx(offset, abs=0.05)
 
