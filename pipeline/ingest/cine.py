@@ -55,6 +55,7 @@ class CineFrames:
         self._size = shape[0] * shape[1] * PACKED_BITS.get(packing, bit_count) // 8
         self._annotation = MIN_ANNOTATION
         self._file = path.open("rb", buffering=0)
+        self._end = os.fstat(self._file.fileno()).st_size
         weakref.finalize(self, self._file.close)
 
     def __len__(self) -> int:
@@ -73,14 +74,14 @@ class CineFrames:
 
     def _pixels(self, index: int) -> NDArray[np.uint8]:
         """The bytes of a frame's image."""
-        start, end = int(self._offsets[index]), os.fstat(self._file.fileno()).st_size
-        if start + MIN_ANNOTATION > end:
+        start = int(self._offsets[index])
+        if start + MIN_ANNOTATION > self._end:
             raise frame_error(self._path, index, "cut off: the file ends before it")
         # A frame starts with its annotation, whose first word is its length and whose last word is the image's. Both
         # are read at once, as if it were as long as the last one: each call of the system costs time.
         data = self._read(start)
         annotation = int.from_bytes(data[:4].tobytes(), "little")
-        if annotation < MIN_ANNOTATION or start + annotation > end:
+        if annotation < MIN_ANNOTATION or start + annotation > self._end:
             raise frame_error(self._path, index, f"a frame header of {annotation} bytes")
         if annotation != self._annotation:
             self._annotation = annotation
