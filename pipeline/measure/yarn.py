@@ -39,7 +39,7 @@ from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
-from pipeline.measure.plied import YarnFound, plied_yarn
+from pipeline.measure.plied import YarnFound, followed_plied, plied_yarn
 from pipeline.measure.recurrence import Recurrence, recurrence
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.strands_fit import Picture
@@ -402,8 +402,11 @@ def _measure_chunk(
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
         where = followed if followed is None or before is None else expected(followed, before)
-        followed, before = find_axis(frame, where), followed
-        yarn = None if followed is None else _yarn(frame, followed, method, plies, picture)
+        before = followed
+        yarn = None if where is None or picture is None else followed_plied(frame, where, plies, picture)
+        followed = find_axis(frame, where) if yarn is None else yarn.axis
+        if yarn is None and followed is not None:
+            yarn = _yarn(frame, followed, method, plies, picture)
         picture = None if yarn is None else yarn.picture
         if yarn is None or yarn.axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
