@@ -31,8 +31,8 @@ from models.compiled import compiled, inner
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.edges import bands
 from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
-from pipeline.measure.lit import NO_BODY, LitProfile, bright_side, fit_lit, side_starts
-from pipeline.measure.profile import fit_profile, middle, quadrature, weights
+from pipeline.measure.lit import NO_BODY, LitProfile, bright_side, fit_lit, fit_plain, side_starts
+from pipeline.measure.profile import middle, weights
 from pipeline.records import Array
 
 REDUCTION = 4
@@ -251,10 +251,7 @@ def _fit(
         body = fit_lit(profile, weights(profile, spread), [start])
         if body is not None and body.misfit <= NO_MISFIT and FRONTAL < abs(body.light) <= SIDEWAYS:
             return cut, profile, body
-    # nodes closer than the narrowest usual blur
-    sine, share = quadrature(16 * math.ceil(3 * start.radius / 16))
-    plain = LitProfile(*fit_profile(profile, spread, start.offset, start.radius, start.blur, sine, share))
-    plain = plain if plain.radius else None
+    plain = fit_plain(profile, spread, start)
     if plain is not None and abs(plain.light) <= FRONTAL and plain.misfit <= NO_MISFIT:
         return cut, profile, plain
     return _fit_shadow(image, angle, cut, profile, spread, plain, start)

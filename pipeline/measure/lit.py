@@ -22,7 +22,7 @@ import numpy as np
 
 from models.compiled import compiled, inner
 from models.newton import lu_factor, lu_solve
-from pipeline.measure.profile import left, products
+from pipeline.measure.profile import SHARPER, even, fit_profile, left, products, quadrature
 from pipeline.records import Array
 
 STARTS = (0.2, 0.5, 0.8, 1.1, 1.4)
@@ -33,8 +33,6 @@ NO_BODY = 0.1
 """Misfit from which on there is nothing but noise in the profile."""
 FOOT = 0.2
 """Height of the profile, over its maximum, that the bright side is taken to begin at."""
-NODES = 3.0
-"""Nodes of the integral over γ per pixel of the largest radius to start from: closer than the narrowest usual blur."""
 FAR = 6.0
 """Distance in standard deviations from which on the blur is taken for 0."""
 STEPS = 30
@@ -72,6 +70,24 @@ class LitProfile:
         return replace(self, offset=self.offset * factor, radius=self.radius * factor, blur=self.blur * factor)
 
 
+def fit_plain(profile: Array, spread: Array, start: LitProfile) -> LitProfile | None:
+    """Fit the profile without a shadow, see `profile.py`; None where that has no contrast.
+
+    Parameters
+    ----------
+    profile, spread : shape (2h + 1,), see `fit_profile`.
+    start : where to start from, lengths in rows, as those of what is returned.
+    """
+    while True:
+        nodes = quadrature(start.radius, start.blur)
+        found = LitProfile(*fit_profile(profile, spread, start.offset, start.radius, start.blur, *nodes))
+        if not found.radius:
+            return None
+        if found.blur >= SHARPER * start.blur:
+            return found
+        start = found
+
+
 def fit_lit(profile: Array, weight: Array, starts: list[LitProfile]) -> LitProfile | None:
     """Fit the profile from each start and return the best fit; None where none stays inside of its bounds.
 
@@ -82,7 +98,8 @@ def fit_lit(profile: Array, weight: Array, starts: list[LitProfile]) -> LitProfi
     """
     half = profile.size // 2
     low, high = np.array([-half, 1.5, math.log(0.3), -FARTHEST]), np.array([half, half - 1.0, math.log(half), FARTHEST])
-    nodes, shares = _quadrature(8 * math.ceil(NODES * max(start.radius for start in starts) / 8))
+    narrowest = min(start.blur for start in starts)
+    nodes, shares = even(max(start.radius for start in starts), narrowest)
     best = None
     for start in starts:
         at = np.clip([start.offset, start.radius, math.log(start.blur), start.light], low, high)
@@ -95,6 +112,8 @@ def fit_lit(profile: Array, weight: Array, starts: list[LitProfile]) -> LitProfi
             best = LitProfile(
                 offset, radius, math.exp(blur), light, float(levels[2]), float(levels[3]), float(squares), float(misfit)
             )
+    if best is not None and best.blur < SHARPER * narrowest:
+        return fit_lit(profile, weight, [best])
     return best
 
 
@@ -128,7 +147,7 @@ def places_of(gamma: Array, radius: float, blur: float, light: float, shade: tup
     A pixel mixes the surface around it by the blur, and brighter surface counts more: at w shows the mean of γ weighted
     by I(γ) and by the Gaussian of (w − R sinγ). Without blur w is R sinγ.
     """
-    return _places(gamma, radius, blur, light, shade, *_quadrature(64))
+    return _places(gamma, radius, blur, light, shade, *_legendre(64))
 
 
 @compiled
@@ -157,7 +176,7 @@ def _places(
 
 
 @lru_cache(maxsize=16)
-def _quadrature(count: int) -> tuple[Array, Array]:
+def _legendre(count: int) -> tuple[Array, Array]:
     return np.polynomial.legendre.leggauss(count)
 
 
