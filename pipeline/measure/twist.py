@@ -1,10 +1,12 @@
 """Twist of a single yarn in one frame, from the slope of the fibres on its unrolled surface.
 
 At distance w from the axis the surface stands at γ = asin(w/R); there a fibre is the straight line γ = 2πT·x + const.
-The unrolled texture is correlated with itself: C(Δx, Δγ), each Δγ divided by the number of pairs it has in view. At a
-fixed Δx the ridge of C lies at Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres
-about their mean direction, as long as it is even: both only change the ridge's height and width. (At a fixed wave
-number or a fixed Δγ the same scatter would pull the slope.) The twist is the T with the largest sum
+The unrolled texture is correlated with itself: C(Δx, Δγ) is Pearson's coefficient of all pairs of pixels so far apart,
+with the means and variances of the parts of the rows that they are in. At a fixed Δx the ridge of C lies at
+Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres about their mean direction, as long
+as it is even: both only change the ridge's height and width. (At a fixed wave number or a fixed Δγ the same scatter
+would pull the slope, and with the means of whole rows broad fibres of little twist would.) The twist is the T with the
+largest sum
 
     Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 4 px to 4 diameters.
 
@@ -93,7 +95,7 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     if not np.any(texture):
         return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
     # fibres are longer than wide: half as many places along the axis will do
-    texture, step = _halved(texture), 2 / step_across(axis.angle)
+    texture, step = halved(texture), 2 / step_across(axis.angle)
     farthest = min(GRID * round(FARTHEST * axis.diameter / step / GRID), GRID * (texture.shape[1] // (2 * GRID)))
     lags = _lags(max(farthest, NEAREST + 1))
     reach = 3 * texture.shape[0] // 4
@@ -119,8 +121,9 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
 
     Returns
     -------
-    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its
-    quadratic trend along x and with unit variance.
+    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its mean
+    and with unit variance, all without the quadratic trend along x that they have in common: light falls off along the
+    yarn on all rows alike. Each row's own trend is mostly fibres; taken off, it would let the steeper ones stand out.
     """
     radius = axis.diameter / 2
     count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
@@ -130,14 +133,15 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     across = places_of(gamma, radius, axis.blur, axis.light, axis.shade)
     count = max(1, math.floor(axis.length * step_across(axis.angle)))
     texture = unrolled(image, *axis.centre, axis.angle, across, count)
-    trend = _trend(count)
-    texture -= (texture @ trend) @ trend.T
+    texture -= texture.mean(axis=1, keepdims=True)
     spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / count)[:, None]
     texture /= np.where(spread > 0, spread, 1)
+    trend = _trend(count)
+    texture -= (texture.mean(axis=0) @ trend) @ trend.T
     return texture
 
 
-def _halved(texture: Image) -> Image:
+def halved(texture: Image) -> Image:
     """Return the mean of each two columns; the last of an odd number is left out."""
     count = texture.shape[1] // 2
     return 0.5 * (texture[:, : 2 * count : 2] + texture[:, 1 : 2 * count : 2])
@@ -170,15 +174,62 @@ def _correlation(texture: Image, lags: Indices, reach: int) -> Array:
     By transforms along x, where both texture and lags are long, and by sums over pairs of rows in γ, where they are
     short; of the transform back only the lags wanted are computed.
     """
-    rows, columns = texture.shape
-    farthest = int(lags[-1])
+    columns, farthest = texture.shape[1], int(lags[-1])
     length = scipy.fft.next_fast_len(GRID * math.ceil((columns + farthest) / GRID), real=True)
     even, odd = _cross_spectra(scipy.fft.rfft(texture, length, axis=1), reach)
     cosines, sines = _harmonics(length, farthest)
     even, odd = even @ cosines, odd @ sines
-    pairs = np.outer(rows - np.abs(np.arange(-reach, reach + 1)), columns - lags)
     # −Δγ at Δx is Δγ at −Δx, where the sines change sign
-    return np.concatenate([(even + odd)[:0:-1], even - odd]) / pairs
+    return coefficients(np.concatenate([(even + odd)[:0:-1], even - odd]), texture, lags)
+
+
+@compiled
+def coefficients(products: NDArray[np.floating], texture: Image, lags: Indices) -> Array:
+    """Return Pearson's coefficients from the sums of products of all pairs in view, shape (2 reach + 1, lags).
+
+    Parameters
+    ----------
+    products : shape (2 reach + 1, lags), as what is returned.
+    texture, lags : see `_correlation`; the lags ascend.
+    """
+    rows, columns = texture.shape
+    reach, count = products.shape[0] // 2, lags.size
+    # of the part of each row that the first, and that the second pixel of the pairs is in: sums, and squares of what
+    # is off the mean, these summed over the rows before
+    firsts, seconds = np.empty((rows, count)), np.empty((rows, count))
+    first_squares, second_squares = np.zeros((rows + 1, count)), np.zeros((rows + 1, count))
+    for i in range(rows):
+        row, at = texture[i], 0
+        first, square = 0.0, 0.0
+        for j in range(columns):
+            first += row[j]
+            square += row[j] * row[j]
+        second, second_square = first, square
+        for k in range(count):
+            for j in range(at, lags[k]):
+                head, tail = row[j], row[columns - 1 - j]
+                first, second = first - tail, second - head
+                square, second_square = square - tail * tail, second_square - head * head
+            at = lags[k]
+            pairs = columns - at
+            firsts[i, k], seconds[i, k] = first, second
+            first_squares[i + 1, k] = first_squares[i, k] + square - first * first / pairs
+            second_squares[i + 1, k] = second_squares[i, k] + second_square - second * second / pairs
+    result = np.empty(products.shape)
+    means = np.empty(count)
+    for d in range(-reach, reach + 1):
+        low, high = max(0, -d), min(rows, rows - d)
+        means[:] = 0
+        for i in range(low, high):
+            one, other = firsts[i], seconds[i + d]
+            for k in range(count):
+                means[k] += one[k] * other[k]
+        for k in range(count):
+            one = first_squares[high, k] - first_squares[low, k]
+            other = second_squares[high + d, k] - second_squares[low + d, k]
+            excess = products[d + reach, k] - means[k] / (columns - lags[k])
+            result[d + reach, k] = excess / math.sqrt(max(one * other, 1e-30))
+    return result
 
 
 @compiled
