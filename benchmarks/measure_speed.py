@@ -142,7 +142,7 @@ STEPS = (
     (axis_steps, "align", "cut, align"),
     (axis_steps, "fit_profile", "diameter"),
     (axis_steps, "fit_lit", "diameter with shadow"),
-    (twist_steps, "_halved", "unroll"),
+    (twist_steps, "halved", "unroll"),
     (twist_steps, "_spectra", "transform"),
     (twist_steps, "_ridge", "correlation, sums"),
     (yarn_steps, "_saturated", "saturation"),

@@ -21,7 +21,7 @@ import numpy as np
 
 from models.compiled import compiled, inner, spliced
 from models.newton import lu_factor, lu_solve
-from pipeline.measure.profile import background, left, products, quadrature, weights
+from pipeline.measure.profile import SHARPER, background, even, left, products, weights
 from pipeline.records import Array
 
 STARTS = (0.2, 0.5, 0.8, 1.1, 1.4)
@@ -32,8 +32,6 @@ NO_BODY = 0.1
 """Misfit from which on there is nothing but noise in the profile."""
 FOOT = 0.2
 """Height of the profile, over its maximum, that the bright side is taken to begin at."""
-NODES = 3.0
-"""Nodes of the integral over γ per pixel of the largest radius to start from: closer than the narrowest usual blur."""
 NODES_SHOWN, SHARES_SHOWN = np.polynomial.legendre.leggauss(64)
 """Of the integral over γ that tells which surface shows at a place."""
 FAR = 6.0
@@ -91,13 +89,17 @@ def fit_lit(profile: Array, spread: Array, starts: Array) -> LitProfile:
     profile, spread : see `align.Registered`, shape (2h + 1,), the middle row at w = 0.
     starts : offset, radius, blur and light to start from, lengths in rows, shape (n, 4).
     """
-    nodes, shares = quadrature(NODES * starts[:, 1].max())
-    best = NOT_FITTED
-    for i in range(starts.shape[0]):
-        found = _fit(profile, spread, starts[i], nodes, shares)
-        if found.radius and (not best.radius or found.squares < best.squares):
-            best = found
-    return best
+    while True:
+        narrowest = starts[:, 2].min()
+        nodes, shares = even(starts[:, 1].max(), narrowest)
+        best = NOT_FITTED
+        for i in range(starts.shape[0]):
+            found = _fit(profile, spread, starts[i], nodes, shares)
+            if found.radius and (not best.radius or found.squares < best.squares):
+                best = found
+        if not best.radius or best.blur >= SHARPER * narrowest:
+            return best
+        starts = np.array([[best.offset, best.radius, best.blur, best.light]])
 
 
 @inner

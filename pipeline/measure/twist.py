@@ -1,10 +1,12 @@
 """Twist of a single yarn in one frame, from the slope of the fibres on its unrolled surface.
 
 At distance w from the axis the surface stands at γ = asin(w/R); there a fibre is the straight line γ = 2πT·x + const.
-The unrolled texture is correlated with itself: C(Δx, Δγ), each Δγ divided by the number of pairs it has in view. At a
-fixed Δx the ridge of C lies at Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres
-about their mean direction, as long as it is even: both only change the ridge's height and width. (At a fixed wave
-number or a fixed Δγ the same scatter would pull the slope.) The twist is the T with the largest sum
+The unrolled texture is correlated with itself: C(Δx, Δγ) is Pearson's coefficient of all pairs of pixels so far apart,
+with the means and variances of the parts of the rows that they are in. At a fixed Δx the ridge of C lies at
+Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres about their mean direction, as long
+as it is even: both only change the ridge's height and width. (At a fixed wave number or a fixed Δγ the same scatter
+would pull the slope, and with the means of whole rows broad fibres of little twist would.) The twist is the T with the
+largest sum
 
     Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 4 px to 4 diameters.
 
@@ -35,7 +37,7 @@ from models.compiled import compiled, inner
 from pipeline.measure.axis import YarnAxis
 from pipeline.measure.lines import Image, Pixels, step_across, unrolled
 from pipeline.measure.lit import level, places_of
-from pipeline.measure.profile import dot
+from pipeline.measure.profile import dot, total
 from pipeline.records import Array
 
 Indices = NDArray[np.intp]
@@ -94,13 +96,12 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
         found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     # fibres are longer than wide: half as many places along the axis will do
-    texture, step = _halved(image, axis), 2 / step_across(axis.angle)
-    columns = texture.shape[1]
-    farthest = GRID * min(round(FARTHEST * axis.diameter / step / GRID), columns // (2 * GRID))
+    texture, step = halved(image, axis), 2 / step_across(axis.angle)
+    farthest = GRID * min(round(FARTHEST * axis.diameter / step / GRID), texture.shape[1] // (2 * GRID))
     lags = _lags(max(farthest, NEAREST + 1))
     spectra = _spectra(texture, lags)
     harmonics = _harmonics(spectra.shape[1], int(lags[-1]))
-    slope, contrast, coherence = _ridge(spectra, *harmonics, lags, columns, step)
+    slope, contrast, coherence = _ridge(texture, spectra, *harmonics, lags, step)
     if not slope:
         found = "no inclined fibres stand out" if np.any(texture) else "the yarn shows no texture"
         return FrameTwist(math.nan, 0.0, 0.0, found)
@@ -124,8 +125,9 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
 
     Returns
     -------
-    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its
-    quadratic trend along x and with unit variance.
+    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its mean
+    and with unit variance, all without the quadratic trend along x that they have in common: light falls off along the
+    yarn on all rows alike. Each row's own trend is mostly fibres; taken off, it would let the steeper ones stand out.
     """
     radius = axis.diameter / 2
     count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
@@ -140,27 +142,30 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
 
 @inner
 def _flatten(texture: Image) -> None:
-    """Take from each row its quadratic trend, and give it unit variance, in place."""
+    """Take from each row its mean, give it unit variance, and take from all the trend that they share, in place."""
     columns = texture.shape[1]
-    trend = np.ones((3, columns), np.float32)
-    for k in range(columns):
-        trend[1, k] = (k - (columns - 1) / 2) / columns
-    trend[2] = trend[1] * trend[1] - np.mean(trend[1] * trend[1])
-    for m in range(3):
-        trend[m] /= max(math.sqrt(dot(trend[m], trend[m])), 1e-30)
+    shared = np.zeros(columns, np.float32)
     for i in range(texture.shape[0]):
         row = texture[i]
-        for m in range(3):
-            share, one = dot(row, trend[m]), trend[m]
-            for k in range(columns):
-                row[k] -= share * one[k]
+        row -= np.float32(total(row) / columns)
         spread = np.float32(math.sqrt(dot(row, row) / columns))
         if spread > 0:
             row /= spread
+        for k in range(columns):
+            shared[k] += row[k]
+    place = ((np.arange(columns) - (columns - 1) / 2) / columns).astype(np.float32)
+    bend = place * place - np.mean(place * place)
+    trend = np.zeros(columns, np.float32)
+    for one in (np.ones(columns, np.float32), place, bend):
+        trend += one * np.float32(dot(shared, one) / max(dot(one, one), 1e-30) / texture.shape[0])
+    for i in range(texture.shape[0]):
+        row = texture[i]
+        for k in range(columns):
+            row[k] -= trend[k]
 
 
 @compiled
-def _halved(image: Image | Pixels, axis: YarnAxis) -> Image:
+def halved(image: Image | Pixels, axis: YarnAxis) -> Image:
     """Return the unrolled surface as the mean of each two columns; the last of an odd number is left out."""
     texture = unroll(image, axis)
     half = np.empty((texture.shape[0], texture.shape[1] // 2), np.float32)
@@ -194,7 +199,7 @@ def _harmonics(waves: int, farthest: int) -> tuple[Image, Image]:
 
 
 @compiled
-def _correlation(spectra: Spectra, cosines: Image, sines: Image, lags: Indices, columns: int) -> Array:
+def _correlation(texture: Image, spectra: Spectra, cosines: Image, sines: Image, lags: Indices) -> Array:
     """Return C at Δγ from −reach to reach rows and Δx in `lags` [columns], shape (2 reach + 1, lags).
 
     By transforms along x, where both texture and lags are long, and by sums over pairs of rows in γ, where they are
@@ -203,9 +208,10 @@ def _correlation(spectra: Spectra, cosines: Image, sines: Image, lags: Indices, 
 
     Parameters
     ----------
-    spectra : S, see `_spectra`; `reach` is three quarters of its rows.
+    texture : shape (rows, columns); `reach` is three quarters of its rows.
+    spectra : S, see `_spectra`.
     cosines, sines : see `_harmonics`.
-    lags, columns : of the texture.
+    lags : ascending.
     """
     rows, waves = spectra.shape
     reach = 3 * rows // 4
@@ -219,22 +225,67 @@ def _correlation(spectra: Spectra, cosines: Image, sines: Image, lags: Indices, 
                 into_even[k] += a[k] * c[k] + b[k] * e[k]
                 into_odd[k] += a[k] * e[k] - b[k] * c[k]
     even, odd = even @ cosines, odd @ sines
-    correlation = np.empty((2 * reach + 1, lags.size))
+    products = np.empty((2 * reach + 1, lags.size), np.float32)
     for d in range(reach + 1):
         for j in range(lags.size):
-            pairs = (rows - d) * (columns - lags[j])
             # −Δγ at Δx is Δγ at −Δx, where the sines change sign
-            correlation[reach + d, j] = (even[d, j] - odd[d, j]) / pairs
-            correlation[reach - d, j] = (even[d, j] + odd[d, j]) / pairs
-    return correlation
+            products[reach + d, j] = even[d, j] - odd[d, j]
+            products[reach - d, j] = even[d, j] + odd[d, j]
+    return coefficients(products, texture, lags)
+
+
+@compiled
+def coefficients(products: Image, texture: Image, lags: Indices) -> Array:
+    """Return Pearson's coefficients from the sums of products of all pairs in view, shape (2 reach + 1, lags).
+
+    Parameters
+    ----------
+    products : shape (2 reach + 1, lags), as what is returned.
+    texture, lags : see `_correlation`.
+    """
+    rows, columns = texture.shape
+    reach, count = products.shape[0] // 2, lags.size
+    # of the part of each row that the first, and that the second pixel of the pairs is in: sums, and squares of what
+    # is off the mean, these summed over the rows before
+    firsts, seconds = np.empty((rows, count)), np.empty((rows, count))
+    first_squares, second_squares = np.zeros((rows + 1, count)), np.zeros((rows + 1, count))
+    for i in range(rows):
+        row, at = texture[i], 0
+        first, square = float(total(row)), float(dot(row, row))
+        second, second_square = first, square
+        for k in range(count):
+            for j in range(at, lags[k]):
+                head, tail = row[j], row[columns - 1 - j]
+                first, second = first - tail, second - head
+                square, second_square = square - tail * tail, second_square - head * head
+            at = lags[k]
+            pairs = columns - at
+            firsts[i, k], seconds[i, k] = first, second
+            first_squares[i + 1, k] = first_squares[i, k] + square - first * first / pairs
+            second_squares[i + 1, k] = second_squares[i, k] + second_square - second * second / pairs
+    result = np.empty(products.shape)
+    means = np.empty(count)
+    for d in range(-reach, reach + 1):
+        low, high = max(0, -d), min(rows, rows - d)
+        means[:] = 0
+        for i in range(low, high):
+            one, other = firsts[i], seconds[i + d]
+            for k in range(count):
+                means[k] += one[k] * other[k]
+        for k in range(count):
+            one_square = first_squares[high, k] - first_squares[low, k]
+            other_square = second_squares[high + d, k] - second_squares[low + d, k]
+            excess = products[d + reach, k] - means[k] / (columns - lags[k])
+            result[d + reach, k] = excess / math.sqrt(max(one_square * other_square, 1e-30))
+    return result
 
 
 @compiled
 def _ridge(
-    spectra: Spectra, cosines: Image, sines: Image, lags: Indices, columns: int, step: float
+    texture: Image, spectra: Spectra, cosines: Image, sines: Image, lags: Indices, step: float
 ) -> tuple[float, float, float]:
     """Return what `_search` does, for columns `step` px apart."""
-    return _search(_correlation(spectra, cosines, sines, lags, columns), step * lags.astype(np.float64))
+    return _search(_correlation(texture, spectra, cosines, sines, lags), step * lags.astype(np.float64))
 
 
 @inner

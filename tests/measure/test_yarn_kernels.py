@@ -68,20 +68,22 @@ def test_the_background_is_a_quadratic_that_bright_things_do_not_bend():
     np.testing.assert_allclose(deviation, np.abs(noisy - image), atol=1.0)
 
 
-def test_the_correlation_is_the_mean_product_of_all_pairs_in_view(frame):
+def test_the_correlation_is_pearson_s_coefficient_of_all_pairs_in_view(frame):
     """In double precision, by its definition: the transforms round at the seventh digit of the largest value."""
-    texture = unroll(frame, find_axis(frame))[:, :200]
+    texture = np.ascontiguousarray(unroll(frame, find_axis(frame))[:, :200])
     rows, columns = texture.shape
     lags, reach = twist._lags(24), 3 * rows // 4
     spectra = twist._spectra(texture, lags)
-    found = twist._correlation(spectra, *twist._harmonics(spectra.shape[1], 24), lags, columns)
+    found = twist._correlation(texture, spectra, *twist._harmonics(spectra.shape[1], 24), lags)
     assert found.shape == (2 * reach + 1, lags.size)
     exact = texture.astype(float)
     for i, shift in enumerate(range(-reach, reach + 1)):
         low, high = max(0, -shift), min(rows, rows - shift)
         for j, lag in enumerate(lags):
-            mean = (exact[low:high, : columns - lag] * exact[low + shift : high + shift, lag:]).mean()
-            assert found[i, j] == pytest.approx(mean, abs=2e-6)
+            one, other = exact[low:high, : columns - lag], exact[low + shift : high + shift, lag:]
+            one, other = one - one.mean(axis=1, keepdims=True), other - other.mean(axis=1, keepdims=True)
+            coefficient = np.sum(one * other) / math.sqrt(np.sum(one**2) * np.sum(other**2))
+            assert found[i, j] == pytest.approx(coefficient, abs=2e-6)
 
 
 def test_the_spline_s_coefficients_are_scipy_s():
