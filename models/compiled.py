@@ -53,6 +53,16 @@ def merged(function: Function) -> Function:
     return cast(Function, numba.njit(error_model="numpy", nogil=True, forceinline=True)(function))
 
 
+def summing(function: Function) -> Function:
+    """Compile as `inner`, for sums whose terms may be added up in any order: only those become vector instructions."""
+    return cast(Function, numba.njit(error_model="numpy", nogil=True, fastmath={"reassoc"})(function))
+
+
+def spliced(function: Function) -> Function:
+    """Compile in the place of each call, for thin layers: apart, each costs the compile time of all that it calls."""
+    return cast(Function, numba.njit(error_model="numpy", nogil=True, inline="always")(function))
+
+
 def implement(
     generic: Callable[..., Any], kind: type[Any], implementation: Callable[..., Any], *, merge: bool = False
 ) -> None:
