@@ -53,11 +53,16 @@ def kept_share(
     matrix[2, :3], matrix[2, 4] = pulled, 1.0  # τ = 0
     matrix[3, :3] = pulled * rates  # u = 0
     matrix[4, 3:], given[4] = (surface, -1 / radius), tension / radius
-    found = np.linalg.solve(matrix, given)
-    slopes = found[:3] * rates
-    square = np.sum(np.outer(slopes, slopes) / (1 - grip_length * np.add.outer(rates, rates))).real / 2
-    softness = axial / (radius**2 * surface)
-    return float(1 + found[4].real / tension - axial / tension * square / (1 + softness))
+    first = np.linalg.solve(matrix, given)
+    # The square of the slope is a sum of products of two exponentials; the same five unknowns keep the conditions at 0.
+    slopes, both = first[:3] * rates, np.add.outer(rates, rates).ravel()
+    yields = np.polyval([b, 0.0, -tension, 0.0, surface], both)
+    pulls = -axial / 2 * np.outer(slopes, slopes).ravel()
+    pulls /= grip_length**2 * both**2 - 1 - axial / radius**2 / yields
+    sinks = pulls / (radius * yields)
+    at_touch = [sinks.sum(), sinks @ (both**2 - straight * both**3), pulls.sum(), pulls @ both, 0.0]
+    second = np.linalg.solve(matrix, -np.array(at_touch))
+    return float(1 + (first[4] + second[4]).real / tension)
 
 
 def sunk_share(scene: WindingScene) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_bvp
 from winding_scenes import winding_scene
 
 from models.winding.landing import kept_share, sunk_share
@@ -32,6 +33,36 @@ def test_between_them_a_string_keeps_what_its_sinking_beyond_the_grip_leaves():
     square = (length / RADIUS) ** 2 / 2 / (1 + 2 * grip / length)
     lost = softness * length / (grip + length) + AXIAL / TENSION * square
     assert 1 - kept_share(TENSION, AXIAL, 0.0, surface, RADIUS, grip) == pytest.approx(lost, rel=0.03)
+
+
+def integrated(surface: float, grip: float, bending: float, square: float) -> float:
+    """T/T₀ by collocation of the stated equations, with `square` times the slope's square."""
+    straight = math.sqrt(bending / TENSION)
+
+    def rates(_s: np.ndarray, y: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+        w, slope, bend, shear, u, extra = y
+        load = (TENSION + extra) / RADIUS + TENSION * bend - surface * w
+        drawn = stretch[0] + extra / AXIAL + w / RADIUS - square * slope**2 / 2
+        return np.array([slope, bend, shear, load / bending, drawn, AXIAL * u / grip**2])
+
+    def ends(touch: np.ndarray, far: np.ndarray, _stretch: np.ndarray) -> np.ndarray:
+        no_jump = touch[3] * straight - touch[2] - 1 / RADIUS
+        return np.array([touch[0], touch[4], touch[5], no_jump, far[1], far[2], far[4]])
+
+    s = np.linspace(0, 10 * max(grip, straight, math.sqrt(TENSION / surface)), 200)
+    found = solve_bvp(rates, ends, s, np.zeros((6, s.size)), np.zeros(1), tol=1e-5, max_nodes=20_000)
+    assert found.success
+    return float(1 + found.y[5, -1] / TENSION)
+
+
+@pytest.mark.parametrize(("surface", "grip"), [(3.9e5, 4e-3), (3.9e5, 1e-3), (2.4e7, 4e-3)])
+def test_the_closed_form_is_the_solution_of_the_stated_equations(surface: float, grip: float):
+    """To first order in the slope's square, whose second order is small even for soft yarn."""
+    bending, part = 3.5e-6, 0.02
+    none, little, full = (integrated(surface, grip, bending, square) for square in (0.0, part, 1.0))
+    kept = kept_share(TENSION, AXIAL, bending, surface, RADIUS, grip)
+    assert kept == pytest.approx(none + (little - none) / part, abs=3e-4)
+    assert kept == pytest.approx(full, abs=0.01)
 
 
 def test_a_share_of_the_sinking_stands_for_the_tension_that_is_kept():

@@ -8,6 +8,7 @@ from winding_scenes import winding_scene
 
 from models.compiled import compiled
 from models.winding.contact import hardening
+from models.winding.crossings import NEIGHBOURS, find_crossings
 from models.winding.package import (
     NEAR,
     NODE,
@@ -93,6 +94,27 @@ def test_forces_are_the_gradient_of_the_energy_that_is_stated():
         low = energy(p, yarn, now)
         p.height[k] += shift
         assert computed[k] == pytest.approx(-(high - low) / (2 * shift), rel=1e-5, abs=2e-5), k
+
+
+def test_crossings_are_those_of_all_pairs_of_elements():
+    """Of a guide that goes forth and back over a bobbin of 31.4 steps around; the mirrored path has the same."""
+    per_turn, k = 31.4, np.arange(500)
+    z = 40 * np.abs((k / 97.3) % 2 - 1) + 0.3 * np.sin(k)
+    found = find_crossings(z, per_turn)
+    expected = []
+    for high in range(k.size - 1):
+        for low in range(high - NEIGHBOURS):
+            offset = low - high - per_turn * round((low - high) / per_turn)
+            steeper = (z[high + 1] - z[high]) - (z[low + 1] - z[low])
+            t = (z[low] - z[high] - offset * (z[low + 1] - z[low])) / steeper
+            if 0 <= t < 1 and 0 <= t - offset < 1:
+                expected.append((low, high, t - offset, t))
+    assert len(expected) > 30
+    order = np.lexsort((found[0], found[1]))
+    for own, other in zip(found, np.array(expected).T, strict=True):
+        np.testing.assert_allclose(own[order], other, atol=1e-9)
+    for own, other in zip(found, find_crossings(-z, per_turn), strict=True):
+        np.testing.assert_array_equal(np.sort(own), np.sort(other))
 
 
 def test_new_yarn_is_drawn_taut_over_what_it_crosses():

@@ -35,6 +35,13 @@ def full() -> WindingResult:
         ({"friction_dynamic": 0.4}, "friction_dynamic = 0.4"),
         ({"element_length": 0.03}, "element_length = 0.03"),
         ({"cone_angle": 0.7}, "cone_angle = 0.7"),
+        ({"turns_per_cycle": 0.4}, "turns_per_cycle = 0.4"),
+        ({"feed": "tail", "feed_length": 201.0}, "feed_length = 201.0.*100000 elements"),
+        ({"element_length": 4e-4}, "element_length = 0.0004.*diameter"),
+        ({"bobbin_radius": 7.9e-3}, "element_length = 0.002.*quarter of the bobbin's radius"),
+        ({"duration": 9e-4}, "duration = 0.0009: must be 0.001 to 3600 s"),
+        ({"duration": 34.0}, "duration = 34.0.*at most 100000"),
+        ({"duration": 1.0, "speed_slope": -6.1}, "speed_slope = -6.1.*to the end of the run"),
     ],
 )
 def test_a_scene_without_meaning_is_refused(changes: dict[str, Any], place: str):
@@ -80,6 +87,15 @@ def test_stiff_yarn_keeps_its_tension_soft_yarn_loses_it_towards_the_inside(full
     assert full.layers_T_over_T0.min() > 0.85
     assert soft.layers_T_over_T0[0] < 0.7
     assert all(inner < outer for inner, outer in pairwise(soft.layers_T_over_T0))
+
+
+def test_a_run_says_how_far_its_yarn_gives_way_where_it_does():
+    soft, stiff = (wind(winding_scene(duration=0.1, transverse_stiffness=k)) for k in (SOFT, 2.4e9))
+    assert soft.penetration_max > 0.05 * soft.scene.diameter
+    assert f"{100 * soft.penetration_max / soft.scene.diameter:.1f} % of its diameter" in soft.message
+    assert "declared transverse stiffness, 0.39 N/mm²" in soft.message
+    assert stiff.penetration_max < 0.05 * stiff.scene.diameter
+    assert stiff.message == ""
 
 
 def test_a_single_soft_loop_loses_what_its_sinking_predicts():

@@ -18,9 +18,10 @@ def times_of(scene: WindingScene, count: int) -> np.ndarray:
     return np.arange(count) * scene.element_length / scene.speed
 
 
-def test_slowly_traversed_yarn_is_laid_by_the_angle_of_the_straight_span():
+@pytest.mark.parametrize("speed", [0.6, 1e-3])
+def test_slowly_traversed_yarn_is_laid_by_the_angle_of_the_straight_span(speed: float):
     """dz/ds = (z_eye − z)/g with the eye at the guide, once the waves are much faster than the guide."""
-    scene = winding_scene(speed=0.6, speed_rise=0.0, guide_clearance=0.0, turns_per_cycle=1.55)
+    scene = winding_scene(speed=speed, speed_rise=0.0, guide_clearance=0.0, turns_per_cycle=1.55)
     time = times_of(scene, 1500)
     z, _, _ = path(scene, time)
     place, expected = -scene.stroke / 2, []
@@ -45,6 +46,44 @@ def test_a_kink_runs_up_the_yarn_against_its_speed():
     bent = np.abs(np.gradient(np.gradient(smooth, time), time))
     window = (time > 0.6 * arrives) & (time < 1.4 * arrives)
     assert time[window][np.argmax(bent[window])] == pytest.approx(arrives, rel=0.05)
+
+
+def along_characteristics(scene: WindingScene, time: np.ndarray) -> np.ndarray:
+    """Where yarn is laid [m] at the times [s], the eye held by the guide, the tension constant.
+
+    F = v − c s goes down at V + c and comes back from the lay point, where v = 0, as −F at c − V. At the guide, which
+    moves at the rate r, v = r + V s: F = (1 + q) r + q F(t − 2gc/(c² − V²)), q = (c − V)/(c + V). The lay point moves
+    by −V s = (V/c) F.
+    """
+    c, drawn = math.sqrt(scene.tension / scene.linear_density), scene.speed * math.cos(scene.winding_angle)
+    q, round_trip = (c - drawn) / (c + drawn), 2 * scene.guide_distance * c / (c**2 - drawn**2)
+    per_second = scene.speed * scene.cycles / scene.wound_length
+    place, leaves = np.full(time.size, -scene.stroke / 2), time - scene.guide_distance / (c + drawn)
+    share = drawn / c * (1 + q)
+    while np.any(leaves > 0):
+        guide = [traverse(max(t, 0.0) * per_second, scene.reversal)[0] for t in leaves]
+        place += share * scene.stroke * (np.array(guide) + 0.5)
+        leaves, share = leaves - round_trip, share * q
+    return place
+
+
+def test_waves_of_the_span_are_those_of_a_threadline_between_the_guide_and_the_bobbin():
+    scene = winding_scene(speed_rise=0.0, guide_clearance=0.0, turns_per_cycle=1.55, duration=0.5)
+    time = times_of(scene, 1500)
+    exact = along_characteristics(scene, time)
+    still = line_of(scene)._replace(impedance=0.0)  # no change of tension pushes the string
+    coarse, fine = (np.abs(fly(still, time, 8 * n, 40 * n, scene.feed_length)[0] - exact).max() for n in (1, 4))
+    assert coarse < 0.003 * scene.stroke
+    assert fine < coarse / 3
+
+
+def test_a_mirrored_guide_lays_the_mirrored_path_bit_by_bit():
+    scene = winding_scene(turns_per_cycle=1.55, guide_friction=0.2)
+    line, time = line_of(scene), times_of(scene, 800)
+    z, free, wrap = fly(line, time, 8, 40, scene.feed_length)
+    mirrored = fly(line._replace(stroke=-line.stroke), time, 8, 40, scene.feed_length)
+    for own, other in zip((-z, free, wrap), mirrored, strict=True):
+        np.testing.assert_array_equal(own, other)
 
 
 @pytest.mark.parametrize("changes", [{"tension": 0.01}, {"speed": 40.0}, {"guide_friction": 0.4}, {"feed": "tail"}])
