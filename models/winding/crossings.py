@@ -12,6 +12,8 @@ Integers = NDArray[np.int64]
 
 FLATTEST = 0.02
 """Least height of the cells in which elements are searched [steps]."""
+CELLS = 16
+"""Most cells per element."""
 NEIGHBOURS = 8
 """Elements this close by number do not cross."""
 
@@ -30,13 +32,14 @@ def find_crossings(z: Array, per_turn: float) -> tuple[Integers, Integers, Array
     Element below and element above, ordered by the latter, and the places of the crossing on them, 0 to 1.
     """
     n = z.shape[0] - 1
-    # Cells as long and as high as an element may be.
-    columns = max(int(per_turn), 3)
+    # Cells as long and as high as an element may be, and larger where most of them would be empty.
+    columns = max(min(int(per_turn), n), 3)
     width, height = per_turn / columns, FLATTEST
     lowest, highest = z[0], z[0]
     for k in range(n):
         height = max(height, abs(z[k + 1] - z[k]))
         lowest, highest = min(lowest, z[k + 1]), max(highest, z[k + 1])
+    height = max(height, (highest - lowest) * columns / (CELLS * n))
     rows = int((highest - lowest) / height) + 1
     head = np.full(columns * rows, -1)
     following = np.full(n, -1)

@@ -203,12 +203,14 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     end = snapshots[-1]
     pull = scene.tension + scene.tension_slope * time[:total]
     deepest = _deepest(package, yarn, total)
+    finite = bool(np.all(np.isfinite(tension)) and np.all(np.isfinite(end.tension)))
+    outcome = WindingOutcome.COMPLETED if finite else WindingOutcome.DIVERGED
     return WindingResult(
         scene=scene,
         mode="fast",
         mode_reason=reason,
-        outcome=WindingOutcome.COMPLETED,
-        message=giving_said(scene, deepest),
+        outcome=outcome,
+        message=giving_said(scene, deepest) if outcome.ok else outcome.value,
         time=ends,
         span_tension=window_means(while_laid, tension, ends),
         guide_phase=guide_phase,

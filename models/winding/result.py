@@ -40,7 +40,7 @@ class WindingOutcome(Enum):
 
     COMPLETED = "completed"
     TIME_STEP = "the time step is above the limit of stability: choose a smaller one, or leave it out"
-    DIVERGED = "the motion is no longer finite: reduce the time step, lengthen the start, or soften the contact"
+    DIVERGED = "the motion is no longer finite: raise the tension, soften the contact, or shorten the step"
     TAIL_SPENT = "the tail of yarn is used up before the end: lengthen it, or shorten the run"
 
     @property

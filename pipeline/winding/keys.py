@@ -77,7 +77,10 @@ class WindKeys(Keys):
             return WindingScene(**given)
         except ValueError as error:
             name, right = str(error).split(" = ", 1)[0], str(error).split(": ", 1)[1]
-            key = next((key for key, (field, _) in FIELDS.items() if field == name), name)
+            if name == "axial_stiffness":
+                key, right = "modulus_N_per_tex", f"makes EA = {stiffness:g} N, which {right}"
+            else:
+                key = next(key for key, (field, _) in FIELDS.items() if field == name)
             raise ValueError(f"{key} = {written(getattr(self, key, None))}: {right}") from None
 
     def value(self, key: str) -> Any:

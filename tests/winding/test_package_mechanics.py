@@ -115,6 +115,7 @@ def test_crossings_are_those_of_all_pairs_of_elements():
         np.testing.assert_allclose(own[order], other, atol=1e-9)
     for own, other in zip(found, find_crossings(-z, per_turn), strict=True):
         np.testing.assert_array_equal(np.sort(own), np.sort(other))
+    assert find_crossings(z, 1e12)[0].size == 0  # without a cell for every step around
 
 
 def test_new_yarn_is_drawn_taut_over_what_it_crosses():

@@ -1,6 +1,7 @@
 """The winding scene's refusals, the machine's motion, the fast mode and the choice of mode."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -14,6 +15,7 @@ from winding_scenes import winding_scene
 from models.winding.drive import travel, traverse
 from models.winding.landing import sunk_share
 from models.winding.result import WindingOutcome, WindingResult
+from models.winding.scene import LARGEST, LIMITS
 from models.winding.solve import wind
 
 SOFT = 3.9e5
@@ -35,7 +37,9 @@ def full() -> WindingResult:
         ({"friction_dynamic": 0.4}, "friction_dynamic = 0.4"),
         ({"element_length": 0.03}, "element_length = 0.03"),
         ({"cone_angle": 0.7}, "cone_angle = 0.7"),
-        ({"turns_per_cycle": 0.4}, "turns_per_cycle = 0.4"),
+        ({"time_step": 1e-15}, "time_step = 1e-15"),
+        ({"tension": 0.0047}, "tension = 0.0047.*ρV² = 0.00472 N"),
+        ({"tension_slope": -25.0}, "tension_slope = -25.0.*to the end of the run"),
         ({"feed": "tail", "feed_length": 201.0}, "feed_length = 201.0.*100000 elements"),
         ({"element_length": 4e-4}, "element_length = 0.0004.*diameter"),
         ({"bobbin_radius": 7.9e-3}, "element_length = 0.002.*quarter of the bobbin's radius"),
@@ -47,6 +51,20 @@ def full() -> WindingResult:
 def test_a_scene_without_meaning_is_refused(changes: dict[str, Any], place: str):
     with pytest.raises(ValueError, match=place):
         winding_scene(**changes)
+
+
+@pytest.mark.parametrize("name", [*LIMITS, *LARGEST])
+def test_what_cannot_be_computed_is_refused_with_its_limits(name: str):
+    low, high = LIMITS[name][:2] if name in LIMITS else (0.0, LARGEST[name][0])
+    for beyond, says in ((low - 0.1 * low - 1e-12, low), (1.1 * high, high)):
+        with pytest.raises(ValueError, match=rf"^{name} = .*must be .*{re.escape(f'{says:g}')}"):
+            winding_scene(**{name: beyond})
+
+
+def test_a_run_that_is_no_longer_finite_is_not_called_complete():
+    result = wind(winding_scene(tension=0.06, diameter=1.7e-5, winding_angle=0.7, duration=0.3, bending_stiffness=0.0))
+    assert result.outcome is WindingOutcome.DIVERGED
+    assert "no longer finite" in result.message
 
 
 @given(st.floats(0, 5), st.floats(0.01, 0.25))
