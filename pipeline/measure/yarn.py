@@ -39,13 +39,14 @@ from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
+from pipeline.measure.outline import find_scallops, strands_seen
 from pipeline.measure.plied import YarnFound, followed_plied, plied_yarn
 from pipeline.measure.recurrence import Recurrence, recurrence
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.scatter import Face, face
 from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
-from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
+from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, strand_slope, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
 
@@ -109,6 +110,9 @@ class _Frame:
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
     """The frame for the contact sheet, where it is to be there."""
+    strands: int | None = None
+    """Count of the strands that the outline of what was measured as a single yarn tells, 0 for none; None where not
+    looked at."""
 
 
 class _Clip:
@@ -122,6 +126,7 @@ class _Clip:
         self.images: dict[int, NDArray[np.uint8]] = {}
         self.misfits: list[float] = []
         self.faces: list[tuple[Face, Recurrence | None]] = []
+        self.strands: list[int] = []
 
     def put(self, i: int, found: _Frame) -> None:
         """Take over frame i."""
@@ -133,6 +138,8 @@ class _Clip:
         self.hairs[i], self.turn[i] = found.hairs, found.turn
         if found.face is not None:
             self.faces.append(found.face)
+        if found.strands is not None:
+            self.strands.append(found.strands)
         if found.doubt:
             self.doubts[found.doubt] += 1
         else:
@@ -151,13 +158,28 @@ class _Clip:
             self.diameter[:] = math.nan
             self.flag[seen] |= np.uint16(FrameFlag.DIAMETER_NOT_CREDIBLE)
 
+    def refuse_plied(self) -> None:
+        """Leave neither diameter nor twist of a yarn that was measured as a single one and has a plied one's outline.
+
+        Its strands' slope is no single yarn's twist, and its outline is not that of one cylinder.
+        """
+        plied = [count for count in self.strands if count]
+        if 2 * len(plied) <= len(self.strands):
+            return
+        seen = np.isfinite(self.angle)
+        count, _ = Counter(plied).most_common(1)[0]
+        why = f"the outline is that of a plied yarn, of {count} strands as it seems"
+        self.twist[:], self.diameter[:] = math.nan, math.nan
+        self.flag[seen] |= np.uint16(FrameFlag.DIAMETER_NOT_CREDIBLE)
+        self.reasons, self.doubts = (Counter({why: int(np.count_nonzero(seen))}) for _ in range(2))
+
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
     """What is looked at in some frames of a chunk only, by their places in it."""
 
     shots: set[int]
-    """Those that go on the contact sheet."""
+    """Those that go on the contact sheet, and whose outline is looked at."""
     counted: set[int]
     """Those whose hairs are counted."""
     unrolled: set[int]
@@ -200,6 +222,7 @@ def measure_yarn(
     for i, frame in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
         found.put(i, frame)
     found.drop_chance_diameters()
+    found.refuse_plied()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
     whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method)
     if whole.other_hand:
@@ -433,8 +456,11 @@ def _measure_chunk(
         if method == "surface" and i in wanted.unrolled and math.isfinite(twist.per_pixel):
             seen_face = face(frame, axis)
             surface = seen_face, recurrence(seen_face, twist.per_pixel)
-        reduced = _reduced(frame) if i in wanted.shots else None
-        found.append(_Frame(flag, axis, twist, crossings, face=surface, doubt=doubt, reduced=reduced))
+        reduced, strands = None, None
+        if i in wanted.shots:
+            reduced = _reduced(frame)
+            strands = None if method == "ply" else strands_seen(find_scallops(frame, axis), strand_slope(frame, axis))
+        found.append(_Frame(flag, axis, twist, crossings, face=surface, doubt=doubt, reduced=reduced, strands=strands))
     return found
 
 
