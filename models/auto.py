@@ -21,12 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models import capstan, flexible, kirchhoff
-from models.compiled import compiled
+from models.discretisation import derivatives
 from models.outcome import Solution
 from models.refinement import SETTLED, Refined
 from models.scene import BENDING_RIGIDITY, Scene
-from models.self_consistency import STRONG_FEEDBACK, feedback, find_roots
-from models.slow_manifold import CORRECTION_DEGREE, DEGREES, collocation_matrices, first_correction
+from models.self_consistency import find_roots
+from models.slow_manifold import CORRECTION_DEGREE, first_correction
+from models.uniqueness import perhaps_several
 
 Array = NDArray[np.float64]
 
@@ -36,10 +37,9 @@ TOLERANCE = 0.01
 ENDS = ("tension_AB", "twist_AB", "theta_B")
 
 
-@compiled
-def bending_effect(scene: Array, yarn: Refined, at_points: Array) -> Array:
+def bending_effect(scene: Array, yarn: Refined) -> Array:
     """Relative effect of bending and torsion on p₃AB, T_AB and θ_B, shape (3,); infinite where it means nothing."""
-    return first_correction(kirchhoff.Consistent(scene), yarn, at_points)
+    return first_correction(kirchhoff.Consistent(scene), yarn, derivatives((CORRECTION_DEGREE,)))
 
 
 def solve_auto(
@@ -70,17 +70,15 @@ def solve_auto(
         return estimates[tier] <= tolerance
 
     # Of several solutions a plain search finds any; the rod's own solve takes the one that the yarn settles on.
-    alone = bool(feedback(vector) < STRONG_FEEDBACK) or len(find_roots(vector).w) == 1
+    alone = not perhaps_several(vector) or len(find_roots(vector).w) == 1
     simple = capstan.find(vector)
     if alone and simple.ending == SETTLED:
         bending = vector[BENDING_RIGIDITY] / float(simple.ends[0])
         if meets(capstan.NAME, capstan.direction_error(vector, simple) + bending):
             return _told(capstan.solve_capstan(scene, profile=profile), estimates, tolerance)
     yarn = flexible.find(vector, flexible.integration_matrices())
-    if alone and yarn.ending == SETTLED:
-        at_points = collocation_matrices()[0][DEGREES.index(CORRECTION_DEGREE)]
-        if meets(flexible.NAME, bending_effect(vector, yarn, at_points) + yarn.size):
-            return _told(flexible.solve_flexible(scene, profile=profile), estimates, tolerance)
+    if alone and yarn.ending == SETTLED and meets(flexible.NAME, bending_effect(vector, yarn) + yarn.size):
+        return _told(flexible.solve_flexible(scene, profile=profile), estimates, tolerance)
     rod = kirchhoff.solve_kirchhoff(scene, profile=profile)
     if rod.outcome.ok:
         sizes = np.array([rod.ends.tension_AB, max(abs(rod.ends.twist_AB), scene.twist_unit), rod.ends.theta_B])

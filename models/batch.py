@@ -20,8 +20,8 @@ from models.diagnosis import WELL_SETTLED
 from models.outcome import Outcome, Solution
 from models.refinement import ROW, Ending
 from models.scene import BENDING_RIGIDITY, TENSION_CD, Scene, normalised, valid_rows
-from models.self_consistency import STRONG_FEEDBACK, feedback
 from models.solve import MODELS, ROWS
+from models.uniqueness import feedback_bounds
 
 Array = NDArray[np.float64]
 
@@ -121,7 +121,7 @@ def _doubtful(model: str, vectors: Array, table: NDArray[Any]) -> NDArray[np.boo
     """
     doubtful = ~((table["ending"] == Ending.SETTLED) & (table["normal_min"] > 0))
     if model != capstan.NAME:
-        doubtful |= feedback(vectors) >= STRONG_FEEDBACK
+        doubtful |= ~(feedback_bounds(vectors) < 1)
     if model in (capstan.NAME, flexible.NAME):
         return doubtful
     tension = np.minimum(table["tension_AB"], vectors[:, TENSION_CD])

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, implement, inner
-from models.complex_step import COMPLEX_STEP, as_tuple, in_direction, store_derivatives, unit_directions
+from models.complex_step import COMPLEX_STEP, as_tuple, in_direction, unit_directions
 from models.discretisation import Discretisation
-from models.newton import NewtonStatus, condition_number, jacobian, newton, residual
+from models.newton import NewtonStatus, advance, condition_number, jacobian, newton, residual
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
@@ -48,6 +48,13 @@ def slopes(problem: Any, f: Array, w: float, directions: Array, out: Array) -> N
     raise NotImplementedError(f"no equations for {type(problem).__name__}")
 
 
+def highest_derivatives(*orders: int) -> NDArray[np.int64]:
+    """The highest derivative of each field, read-only: constants of compiled code are, and so they are of one type."""
+    given = np.array(orders)
+    given.flags.writeable = False
+    return given
+
+
 def register(
     kind: type[Any],
     orders: NDArray[np.int64],
@@ -63,21 +70,23 @@ def register(
     """
     implement(equations, kind, own_equations, merge=True)
     implement(boundary, kind, own_boundary)
-    implement(slopes, kind, _slopes_of(orders.size, int(np.sum(orders + 1))))
+    implement(slopes, kind, _slopes_of(int(np.sum(orders + 1))))
 
 
-def _slopes_of(count: int, arguments: int) -> Callable[..., None]:
-    """`slopes` of so many equations by so many arguments.
+def _slopes_of(arguments: int) -> Callable[..., None]:
+    """`slopes` of equations by so many arguments.
 
     All directions in one loop over local variables: real parts, which do not depend on the direction, are computed
     once, and the loop becomes vector instructions.
     """
-    local, moved, store = as_tuple(arguments), in_direction(arguments), store_derivatives(count)
+    local, moved = as_tuple(arguments), in_direction(arguments)
 
     def own_slopes(problem: Any, f: Array, w: float, directions: Array, out: Array) -> None:
-        point = local(f)
+        point = local(f, 0)
         for a in range(directions.shape[1]):
-            store(equations(problem, moved(point, directions, a), complex(w, directions[arguments, a])), out, a)
+            left_over = equations(problem, moved(point, directions, 0, a), complex(w, directions[arguments, a]))
+            for e in range(len(left_over)):
+                out[e, a] = left_over[e].imag / COMPLEX_STEP
 
     return own_slopes
 
@@ -154,20 +163,19 @@ def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
             for i in range(m):
                 row = row_of_all[i * size : (i + 1) * size]
                 for k in range(orders[i] + 1):
-                    slope, weights = by_argument[e, a], derivatives[k, j]
+                    if by_argument[e, a] != 0.0:
+                        advance(row, by_argument[e, a], derivatives[k, j], row)
                     a += 1
-                    if slope != 0.0:
-                        for node in range(size):
-                            row[node] += slope * weights[node]
-    ends, conditions = np.empty(2 * m + 1, np.complex128), np.empty(m + 1, np.complex128)
-    for i in range(m):
-        ends[i], ends[m + i] = x[i * size], x[(i + 1) * size - 1]
-    ends[2 * m] = w + 0j
+    left, right, conditions = np.empty(m, np.complex128), np.empty(m, np.complex128), np.empty(m + 1, np.complex128)
     for a in range(2 * m + 1):
-        ends[a] += step
-        boundary(pointwise, ends[:m], ends[m : 2 * m], ends[2 * m], conditions)
-        ends[a] = ends[a].real
+        for i in range(m):
+            left[i], right[i] = x[i * size], x[(i + 1) * size - 1]
         column = a * size if a < m else ((a - m + 1) * size - 1 if a < 2 * m else m * size)
+        if a < m:
+            left[a] += step
+        elif a < 2 * m:
+            right[a - m] += step
+        boundary(pointwise, left, right, w + step if a == 2 * m else w + 0j, conditions)
         for e in range(m + 1):
             matrix[m * n + e, column] = conditions[e].imag / COMPLEX_STEP
 
@@ -204,17 +212,18 @@ def parameter_slopes(problem: Collocated, x: Array) -> Array:
 
 @compiled
 def linearised(problem: Any, f: Array, w: float, equation_count: int) -> tuple[Array, Array]:
-    """The equations' residuals, shape (points, m), and their slopes, (points, m, a), at arguments f, (a, points)."""
-    count, points = f.shape
-    directions = unit_directions(count + 1)
-    values, by_argument = np.empty((points, equation_count)), np.empty((points, equation_count, count))
-    at_point = np.empty((equation_count, directions.shape[1]))
-    for j in range(points):
-        left_over = equations(problem, f[:, j], w)
+    """The equations' residuals, shape (points, m), and their slopes, (points, m, b), at arguments f, (points, a).
+
+    The first a of the b slopes are by f, the next is by w.
+    """
+    directions = unit_directions(f.shape[1] + 1)
+    values = np.empty((f.shape[0], equation_count))
+    by_argument = np.empty((f.shape[0], equation_count, directions.shape[1]))
+    for j in range(f.shape[0]):
+        left_over = equations(problem, f[j], w)
         for e in range(equation_count):
             values[j, e] = left_over[e]
-        slopes(problem, f[:, j].copy(), w, directions, at_point)
-        by_argument[j] = at_point[:, :count]
+        slopes(problem, f[j], w, directions, by_argument[j])
     return values, by_argument
 
 

@@ -1,8 +1,8 @@
 """Arithmetic for derivatives by a complex step (Squire and Trapp, SIAM Review 40 (1998) 110). Knows no yarn.
 
 A number that carries COMPLEX_STEP times a derivative in its imaginary part has an imaginary part so small that terms of
-second order vanish in double precision. So sine, root and reciprocal need only real functions of the real part; the
-complex ones take several times as long. Compiled code picks the real or the complex form by type.
+second order vanish in double precision. So sine, exponential, root and reciprocal need only real functions of the real
+part; the complex ones take several times as long. Compiled code picks the real or the complex form by type.
 """
 
 from collections.abc import Callable
@@ -24,6 +24,11 @@ def sine_cosine(x: Any) -> tuple[Any, Any]:
     return np.sin(x), np.cos(x)
 
 
+def exponential(x: Any) -> Any:
+    """The exponential of x."""
+    return np.exp(x)
+
+
 def square_root(x: Any) -> Any:
     """√x for a positive real part."""
     return np.sqrt(x)
@@ -39,6 +44,11 @@ def _sine_cosine(x: Any) -> tuple[Any, Any]:
     return complex(sine, cosine * x.imag), complex(cosine, -sine * x.imag)
 
 
+def _exponential(x: Any) -> Any:
+    power = np.exp(x.real)
+    return complex(power, power * x.imag)
+
+
 def _square_root(x: Any) -> Any:
     root = np.sqrt(x.real)
     return complex(root, 0.5 * x.imag / root)
@@ -50,6 +60,7 @@ def _reciprocal(x: Any) -> Any:
 
 
 implement_complex(sine_cosine, _sine_cosine)
+implement_complex(exponential, _exponential)
 implement_complex(square_root, _square_root)
 implement_complex(reciprocal, _reciprocal)
 
@@ -72,49 +83,38 @@ Array = NDArray[np.float64]
 
 @cache
 def as_tuple(count: int) -> Callable[..., tuple[float, ...]]:
-    """Compiled function (values) → the first `count` ≥ 1 as a tuple."""
-    last = count - 1
-    if last == 0:
+    """Compiled function (values, first) → `count` ≥ 1 of the values from place `first` on, as a tuple."""
+    if count == 1:
 
-        def one(values: Array) -> tuple[float, ...]:
-            return (values[0],)
+        def one(values: Array, first: int) -> tuple[float, ...]:
+            return (values[first],)
 
         return merged(one)
-    before = as_tuple(last)
+    half = count // 2
+    front, back = as_tuple(half), as_tuple(count - half)
 
-    def several(values: Array) -> tuple[float, ...]:
-        return (*before(values), values[last])
+    def several(values: Array, first: int) -> tuple[float, ...]:
+        return (*front(values, first), *back(values, first + half))
 
     return merged(several)
 
 
 @cache
 def in_direction(count: int) -> Callable[..., tuple[complex, ...]]:
-    """Compiled function (values, directions, a) → `count` numbers, their imaginary parts column a of the directions."""
-    last = count - 1
-    if last == 0:
+    """Compiled function (values, directions, first, a) → the `count` ≥ 1 values with derivatives.
 
-        def one(values: tuple[float, ...], directions: Array, a: int) -> tuple[complex, ...]:
-            return (complex(values[0], directions[0, a]),)
+    The derivatives are in column a of the directions, from row `first` on.
+    """
+    if count == 1:
+
+        def one(values: tuple[float, ...], directions: Array, first: int, a: int) -> tuple[complex, ...]:
+            return (complex(values[0], directions[first, a]),)
 
         return merged(one)
-    before = in_direction(last)
+    half = count // 2
+    front, back = in_direction(half), in_direction(count - half)
 
-    def several(values: tuple[float, ...], directions: Array, a: int) -> tuple[complex, ...]:
-        return (*before(values, directions, a), complex(values[last], directions[last, a]))
+    def several(values: tuple[float, ...], directions: Array, first: int, a: int) -> tuple[complex, ...]:
+        return (*front(values[:half], directions, first, a), *back(values[half:], directions, first + half, a))
 
     return merged(several)
-
-
-@cache
-def store_derivatives(count: int) -> Callable[..., None]:
-    """Compiled function (numbers, out, a) that fills column a of out, shape (count, …), with their derivatives."""
-    last = count - 1
-    before = store_derivatives(last) if last else None
-
-    def store(numbers: tuple[complex, ...], out: Array, a: int) -> None:
-        if before is not None:
-            before(numbers, out, a)
-        out[last, a] = numbers[last].imag / COMPLEX_STEP
-
-    return merged(store)

@@ -22,15 +22,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models.boundary_value import Array, Values, register
-from models.compiled import compiled, implement, merged
+from models.compiled import implement, merged
 from models.complex_step import reciprocal, sine_cosine, square_root
 from models.diagnosis import solve_rod
-from models.flexible import integration_matrices, refine
+from models.flexible import integration_matrices
 from models.friction import end_conditions, friction_direction
 from models.outcome import Solution
-from models.refinement import Refined, record
 from models.scene import BENDING_RIGIDITY, FRICTION, TENSION_CD, YARN_RADIUS, Scene
-from models.slow_manifold import ORDERS, Matrices, Rod, collocation_matrices, normal_force, search
+from models.slow_manifold import ORDERS, Rod, collocation_matrices, find_rows, normal_force
 
 NAME = "cosserat"
 
@@ -104,35 +103,12 @@ def own_normal_force(problem: Printed, f: Values) -> Any:
 implement(normal_force, Printed, own_normal_force)
 
 
-@compiled
-def normal_forces(scene: Array, values: Array) -> Array:
-    """N in K/r₀³, shape (n,), from the pointwise arguments of `balance`, shape (8, n)."""
-    normal = np.empty(values.shape[1])
-    for j in range(values.shape[1]):
-        normal[j] = balance(scene, values[:, j])[1] * scene[TENSION_CD]
-    return normal
-
-
-@compiled
-def find(scene: Array, integration: tuple[Array, ...], matrices: Matrices) -> Refined:
-    """Solve one scene, `Dimensionless.vector`."""
-    return search(Printed(scene), refine(scene, integration), matrices)
-
-
-@compiled
-def find_rows(scenes: Array, integration: tuple[Array, ...], matrices: Matrices, table: Any) -> None:
-    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
-    for i in range(scenes.shape[0]):
-        scene = scenes[i].copy()
-        record(search(Printed(scene), refine(scene, integration), matrices), table[i])
-
-
-ROD = Rod(NAME, Printed, find, normal_forces)
+ROD = Rod(NAME, Printed)
 
 
 def solve_rows(scenes: Array, table: Any) -> None:
     """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
-    find_rows(scenes, integration_matrices(), collocation_matrices(), table)
+    find_rows(Printed(np.empty(scenes.shape[1])), scenes, integration_matrices(), collocation_matrices(), table)
 
 
 def solve_cosserat(scene: Scene, *, profile: bool = True, rotation: float | None = None) -> Solution:

@@ -14,22 +14,20 @@ its end the reason: a fold, lost contact, or R too small.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from models import flexible
 from models.boundary_value import Array, Collocated, evaluated, linearised, solve
 from models.continuation import Branch, End, collocated_family, follow
-from models.discretisation import chebyshev_collocation, interpolation
-from models.flexible import integration_matrices
+from models.discretisation import chebyshev_collocation, interpolation, polynomial
+from models.flexible import Guess, first_guess, integration_matrices, nearest, several
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution
 from models.refinement import SETTLED, Refined, relative_change
 from models.scene import FRICTION, Dimensionless, Scene
-from models.self_consistency import STRONG_FEEDBACK, TOLERANCE, feedback, find_roots, path_values
 from models.slow_manifold import (
     LARGEST_CHANGE,
     LARGEST_CONDITION,
@@ -38,10 +36,12 @@ from models.slow_manifold import (
     PRECISION,
     Rod,
     collocation_matrices,
+    find,
     rod_ends,
     rod_fields,
 )
 from models.solution import PROFILE_POINTS, Fields, failed, solution
+from models.uniqueness import perhaps_several
 
 WELL_SETTLED = 1e-6
 """Stated error above which higher degrees are tried, too: some random scenes state a smaller error than they have."""
@@ -65,14 +65,6 @@ where a layer and the solution are one conjugate pair."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Start:
-    """Values of θ, p₃/p₃CD and τ, as a function of the degree, shape (3, degree + 1), and w."""
-
-    values: Callable[[int], Array]
-    w: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Failure:
     """Why there is no solution."""
 
@@ -89,10 +81,11 @@ def solve_rod(scene: Scene, rod: Rod, *, profile: bool, rotation: float | None) 
     rotation : n₁ [1/s] near which a solution is wanted, where the flexible yarn has several.
     """
     problem = scene.dimensionless()
-    first = rod.find(problem.vector, integration_matrices(), collocation_matrices())
-    found, others = _find(scene, problem, rod, rotation, first)
+    first = find(rod.problem(problem.vector), integration_matrices(), collocation_matrices())
+    found, roots = _find(scene, problem, rod, rotation, first)
     if isinstance(found, _Failure):
         return failed(scene, rod.name, found.outcome, found.message, first)
+    others = several(scene, roots, found.w, " of the flexible yarn")
     return solution(scene, rod.name, found, (lambda: _fields(problem, rod, found)) if profile else None, others=others)
 
 
@@ -118,7 +111,7 @@ def separation(problem: Dimensionless, rod: Rod, fields: Array, w: float) -> tup
             for k in range(order + 1)
         ]
     )
-    forces, slopes = linearised(rod.problem(problem.vector), values, w, 3)
+    forces, slopes = linearised(rod.problem(problem.vector), np.ascontiguousarray(values.T), w, 3)
     if not np.all(np.isfinite(slopes)):
         return 0.0, math.inf
     highest, lower = np.zeros((SAMPLES, 5, 5)), np.zeros((SAMPLES, 5, 5))
@@ -161,25 +154,27 @@ class _Climb:
 
 def _find(
     scene: Scene, problem: Dimensionless, rod: Rod, rotation: float | None, first: Refined
-) -> tuple[Refined | _Failure, str]:
-    """The solution or the reason why there is none, and what is known of other solutions."""
-    strong = bool(feedback(problem.vector) >= STRONG_FEEDBACK)
-    if first.ending == SETTLED and first.size <= WELL_SETTLED and not strong:
+) -> tuple[Refined | _Failure, Sequence[float]]:
+    """The solution or the reason why there is none, and w of all solutions of the flexible yarn, as far as known."""
+    if first.ending == SETTLED and first.size <= WELL_SETTLED and not perhaps_several(problem.vector):
         checked = _checked(problem, rod, first)
         if checked is not None:
-            return checked, ""
-    start, others = _flexible_start(scene, problem, rotation, strong)
+            return checked, ()
+    start = first_guess(scene, rotation)
     climb = _climb(problem, rod, start) if start is not None else None
+    roots = start.roots if start is not None else ()
     settled = [climb.best] if climb is not None and climb.best is not None else []
     if first.ending == SETTLED:
         settled.append(first)
-    if not strong:  # with several solutions the first search may have found another one than is wanted
-        settled.sort(key=lambda found: found.size)
-    for found in settled:
-        checked = _checked(problem, rod, found)
+    for found in sorted(settled, key=lambda found: found.size):
+        # Newton's method may have left the solution that it started from for another one.
+        checked = _checked(problem, rod, found) if start is None or nearest(roots, found.w) == start.w else None
         if checked is not None:
-            return checked, others
-    return _from_frictionless(problem, rod, start, climb), others
+            return checked, roots
+    if rotation is not None and len(roots) > 1:
+        text = f"no solution of this model was found near n₁ = {rotation:.6g} /s, where the flexible yarn has one"
+        return _Failure(Outcome.NOT_CONVERGED, text), roots
+    return _from_frictionless(problem, rod, start, climb), roots
 
 
 def _checked(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Failure | None:
@@ -195,31 +190,6 @@ def _no_separation(detail: str) -> _Failure:
     return _Failure(Outcome.NO_SCALE_SEPARATION, text)
 
 
-def _flexible_start(
-    scene: Scene, problem: Dimensionless, rotation: float | None, strong: bool
-) -> tuple[_Start | None, str]:
-    """The flexible yarn's solution to start from, the settled one among several, and what is known of the others."""
-    yarn = flexible.find(problem.vector, integration_matrices())
-    if yarn.ending == SETTLED and not strong:
-        nodal = _rod_values(*yarn.fields)
-        return _Start(lambda degree: nodal @ interpolation(yarn.degree, degree).T, float(yarn.w)), ""
-    roots = find_roots(problem.vector)
-    w = flexible.choose(scene, roots, rotation)
-    if w is None:
-        return None, ""
-
-    def values(degree: int) -> Array:
-        nodes = chebyshev_collocation(degree, problem.wrap_angle).nodes
-        return _rod_values(*path_values(problem.vector, w, nodes, TOLERANCE))
-
-    return _Start(values, w), flexible.several(scene, roots, w)
-
-
-def _rod_values(q: Array, log_p: Array, tau: Array) -> Array:
-    """θ, p₃/p₃CD and τ."""
-    return np.array([2 * np.arctan(np.exp(q)), np.exp(log_p), tau])
-
-
 def _scaled_condition(jacobian: Array, x: Array) -> float:
     """Condition number with unknowns in units of 1 + |x| and rows of largest element 1: it sees modes, not units."""
     if not np.all(np.isfinite(jacobian)):
@@ -228,7 +198,7 @@ def _scaled_condition(jacobian: Array, x: Array) -> float:
     return float(np.linalg.cond(scaled / np.max(np.abs(scaled), axis=1, keepdims=True), 1))
 
 
-def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
+def _climb(problem: Dimensionless, rod: Rod, start: Guess) -> _Climb:
     """Raise the degree further than the plain search does, until the ends settle."""
     best: Refined | None = None
     smallest, lowest_condition, highest_condition = math.inf, math.inf, 0.0
@@ -237,7 +207,7 @@ def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
     w, iterations, failures = start.w, 0, 0
     for degree in HIGHER_DEGREES:
         grid = chebyshev_collocation(degree, problem.wrap_angle)
-        first = start.values(degree) if fields is None else fields @ interpolation(fields.shape[1] - 1, degree).T
+        first = start.at(grid.nodes) if fields is None else fields @ interpolation(fields.shape[1] - 1, degree).T
         result = solve(
             rod.problem(problem.vector), ORDERS, grid, first, w,
             step_tolerance=NEWTON_TOLERANCE, max_iterations=MAX_ITERATIONS,
@@ -276,13 +246,13 @@ def _climb(problem: Dimensionless, rod: Rod, start: _Start) -> _Climb:
 
 
 def _from_frictionless(
-    problem: Dimensionless, rod: Rod, start: _Start | None, climb: _Climb | None
+    problem: Dimensionless, rod: Rod, start: Guess | None, climb: _Climb | None
 ) -> Refined | _Failure:
     """Follow the branch from μ = 0: the solution at its end, or the reason why there is none."""
     branch = _follow(problem, rod, BRANCH_DEGREE)
     fields, w = _split(branch.x)
     if branch.end is End.REACHED:
-        climb = _climb(problem, rod, _Start(lambda degree: fields @ interpolation(BRANCH_DEGREE, degree).T, w))
+        climb = _climb(problem, rod, Guess(polynomial(fields, problem.wrap_angle), w, (w,)))
         checked = _checked(problem, rod, climb.best) if climb.best is not None else None
         if checked is not None:
             return checked
@@ -292,7 +262,10 @@ def _from_frictionless(
             return _fold(problem, rod, branch)
         return _no_separation(f"R = {at_fold:.2g} at μ = {branch.folds[0].parameter:.3g}")
     at_end, _ = separation(_at(problem, branch.parameter), rod, fields, w)
-    at_start = separation(problem, rod, start.values(BRANCH_DEGREE), start.w)[0] if start is not None else math.inf
+    at_start = math.inf
+    if start is not None:
+        nodes = chebyshev_collocation(BRANCH_DEGREE, problem.wrap_angle).nodes
+        at_start, _ = separation(problem, rod, start.at(nodes), start.w)
     if min(at_start, at_end) < SEPARATED:
         detail = f"R = {at_start:.2g} on the flexible yarn, {at_end:.2g} on the rod at μ = {branch.parameter:.3g}"
         return _no_separation(detail)

@@ -6,8 +6,10 @@ Anal. 36 (2016) 108). Both kinds here share that shape, and the same Newton asse
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -68,6 +70,38 @@ def chebyshev_integration(degree: int) -> Array:
     return np.ascontiguousarray((at_end - at_nodes) @ to_integrals, dtype=np.float64)
 
 
+class Integrals(NamedTuple):
+    """What a search over degrees takes; in one array, because numba takes a second to compile a tuple of arrays."""
+
+    degrees: NDArray[np.int64]
+    matrices: Array
+    """`chebyshev_integration` of each degree, one after another, flat."""
+
+
+class Derivatives(NamedTuple):
+    """The same for derivatives on [−1, 1]."""
+
+    degrees: NDArray[np.int64]
+    at_points: Array
+    """At the collocation points, shape (4, n, n + 1) of each degree n, one after another, flat."""
+    at_nodes: Array
+    """At the nodes, (4, n + 1, n + 1)."""
+
+
+@cache
+def integrals(degrees: tuple[int, ...]) -> Integrals:
+    """The integration matrices of so many degrees."""
+    return Integrals(np.array(degrees), np.concatenate([chebyshev_integration(n).ravel() for n in degrees]))
+
+
+@cache
+def derivatives(degrees: tuple[int, ...]) -> Derivatives:
+    """The matrices of derivatives of so many degrees."""
+    references = [chebyshev_reference(degree) for degree in degrees]
+    at_points, at_nodes = (np.concatenate([r[k].ravel() for r in references]) for k in (2, 3))
+    return Derivatives(np.array(degrees), at_points, at_nodes)
+
+
 @inner
 def resample(values: Array, degree: int) -> Array:
     """Values at the degree + 1 Lobatto nodes of the polynomial through `values` at its own Lobatto nodes.
@@ -100,6 +134,13 @@ def interpolation(degree: int, to: int, *, even: bool = False) -> Array:
     points = np.linspace(-1.0, 1.0, to + 1) if even else chebyshev_reference(to)[0]
     from_coefficients = chebyshev.chebvander(points, degree)
     return np.asarray(np.linalg.solve(chebyshev.chebvander(nodes, degree).T, from_coefficients.T).T, dtype=np.float64)
+
+
+def polynomial(nodal: Array, length: float) -> Callable[[Array], Array]:
+    """The polynomials through values at the Lobatto nodes on [0, length], shape (m, n + 1): (k,) points to (m, k)."""
+    nodes = chebyshev_reference(nodal.shape[1] - 1)[0]
+    coefficients = np.linalg.solve(chebyshev.chebvander(nodes, nodal.shape[1] - 1), nodal.T)
+    return lambda points: np.asarray(chebyshev.chebval(2 * points / length - 1, coefficients), dtype=np.float64)
 
 
 @lru_cache(maxsize=32)

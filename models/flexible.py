@@ -15,15 +15,16 @@ precision: equations of the second kind stay well conditioned at any degree.
 Limits: no bending or torsional stiffness in the force balance, inextensible, weightless, steady, contact everywhere.
 """
 
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, implement, inner
-from models.complex_step import COMPLEX_STEP
-from models.discretisation import chebyshev_collocation, chebyshev_integration, interpolation, resample
+from models.complex_step import exponential, reciprocal
+from models.discretisation import Integrals, chebyshev_collocation, integrals, interpolation, polynomial, resample
 from models.friction import end_conditions, friction_direction, friction_slopes
 from models.newton import CONVERGED, assign, jacobian, largest, newton, residual
 from models.outcome import Outcome, Solution
@@ -48,9 +49,10 @@ from models.scene import (
     Dimensionless,
     Scene,
 )
-from models.self_consistency import STRONG_FEEDBACK, Roots, feedback, find_roots, path_values
 from models.self_consistency import TOLERANCE as ROOT_PRECISION
+from models.self_consistency import Roots, find_roots, path_values
 from models.solution import PROFILE_POINTS, Fields, failed, solution
+from models.uniqueness import perhaps_several
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
@@ -64,8 +66,6 @@ TOLERANCES = (1e-11, 1e-9)
 MAX_ITERATIONS = 60
 SAME_ROOT = 1e-6
 """Relative difference of w below which two ways to a solution mean the same one."""
-SMALLEST_FRICTION_STEP = 1e-3
-"""Share of μ below which the continuation from the frictionless yarn gives up."""
 
 
 class Flexible(NamedTuple):
@@ -80,8 +80,8 @@ class Flexible(NamedTuple):
 @inner
 def direction(q: Any) -> tuple[Any, Any]:
     """sinθ and cosθ."""
-    tangent = np.exp(q)  # tan(θ/2)
-    share = 1 / (1 + tangent * tangent)
+    tangent = exponential(q)  # tan(θ/2)
+    share = reciprocal(1 + tangent * tangent)
     return 2 * tangent * share, (1 - tangent * tangent) * share
 
 
@@ -109,7 +109,7 @@ def quadratures(problem: Flexible, q: Values, w: Any, excess: Values, log_p: Val
             excess[i] += integration[i, j] * slope[j]
             log_p[i] -= integration[i, j] * pull[j]
     for j in range(size):
-        turn[j] *= np.exp(log_p[j])
+        turn[j] *= exponential(log_p[j])
     sine, cosine = direction(q[-1])
     tau_C = 2 * np.pi * scene[TWIST_CD] + sine * cosine
     for i in range(size):
@@ -138,8 +138,7 @@ def fill_residual(problem: Flexible, x: Array, value: Array) -> None:
 def fill_jacobian(problem: Flexible, x: Array, matrix: Array) -> None:
     """∂F/∂x: the slopes of `flow` at each node, chained with the quadratures."""
     scene, integration = problem.scene, problem.integration
-    size, step = x.shape[0] - 1, 1j * COMPLEX_STEP
-    q, w = x[:-1], x[-1]
+    size, q, w = x.shape[0] - 1, x[:-1], x[-1]
     excess, log_p, turn, tau = np.empty(size), np.empty(size), np.empty(size), np.empty(size)
     quadratures(problem, q, w, excess, log_p, turn, tau)
     by_q, by_w = np.empty((3, size)), np.empty((3, size))
@@ -147,7 +146,7 @@ def fill_jacobian(problem: Flexible, x: Array, matrix: Array) -> None:
     for j in range(size):
         sine, cosine = direction(q[j])
         cos_alpha, sin_alpha, alpha_q, alpha_w = friction_slopes(scene, sine, cosine, w)
-        pull = couple * sine * np.exp(log_p[j])
+        pull = couple * sine * exponential(log_p[j])
         by_q[0, j], by_w[0, j] = -mu * sin_alpha * alpha_q, -mu * sin_alpha * alpha_w
         by_q[1, j] = mu * sine * (cos_alpha * alpha_q + sin_alpha * cosine)
         by_w[1, j] = mu * sine * cos_alpha * alpha_w
@@ -160,31 +159,24 @@ def fill_jacobian(problem: Flexible, x: Array, matrix: Array) -> None:
         for j in range(size):
             matrix[i, j] += integration[i, j] * by_q[0, j]
             matrix[i, size] += integration[i, j] * by_w[0, j]
-    tau_B_by_q, tau_B_by_w = np.zeros(size), 0.0
+    # The conditions at the ends: d sinθ/dq = sinθ cosθ, d cosθ/dq = −sin²θ, so that d(sinθ cosθ)/dq = bent.
+    sine_B, cosine_B = direction(q[0])
+    sine_C, cosine_C = direction(q[-1])
+    bent_B = sine_B * (cosine_B * cosine_B - sine_B * sine_B)
+    bent_C = sine_C * (cosine_C * cosine_C - sine_C * sine_C)
+    matrix[size - 1, 0] = -scene[SPAN_RATIO] * sine_B * sine_B
+    matrix[size - 1, size - 1] = -sine_C * sine_C
+    by_tau = -scene[TWIST_CONGESTION] / (2 * np.pi)  # of w − η (T_AB − k T_CD), with T_AB = (τ_B − sinθ_B cosθ_B)/2π
+    matrix[size, 0] = -by_tau * bent_B
+    matrix[size, size - 1] += by_tau * bent_C
+    matrix[size, size] = 1.0
     for j in range(size):
-        weight = integration[0, j]
-        tau_B_by_q[j] += weight * by_q[2, j]
-        tau_B_by_w += weight * by_w[2, j]
+        weight = by_tau * integration[0, j]
+        matrix[size, j] += weight * by_q[2, j]
+        matrix[size, size] += weight * by_w[2, j]
         for k in range(size):
-            tau_B_by_q[k] -= weight * turn[j] * integration[j, k] * by_q[1, k]
-            tau_B_by_w -= weight * turn[j] * integration[j, k] * by_w[1, k]
-    sine, cosine = direction(q[-1] + step)
-    tau_B_by_q[-1] += (sine * cosine).imag / COMPLEX_STEP
-    conditions = np.empty(4, np.complex128)
-    for column in range(4):
-        q_B = q[0] + (step if column == 0 else 0j)
-        q_C = q[-1] + (step if column == 1 else 0j)
-        tau_B = tau[0] + (step if column == 2 else 0j)
-        rotation = w + (step if column == 3 else 0j)
-        end_conditions(scene, (*direction(q_B), *direction(q_C)), tau_B, tau[-1] + 0j, rotation, conditions)
-        for row, condition in ((size - 1, 0), (size, 3)):
-            slope = conditions[condition].imag / COMPLEX_STEP
-            if column == 2:
-                for j in range(size):
-                    matrix[row, j] += slope * tau_B_by_q[j]
-                matrix[row, size] += slope * tau_B_by_w
-            else:
-                matrix[row, 0 if column == 0 else (size - 1 if column == 1 else size)] += slope
+            matrix[size, k] -= weight * turn[j] * integration[j, k] * by_q[1, k]
+            matrix[size, size] -= weight * turn[j] * integration[j, k] * by_w[1, k]
 
 
 implement(residual, Flexible, fill_residual)
@@ -192,29 +184,23 @@ implement(jacobian, Flexible, fill_jacobian)
 
 
 @inner
-def on_contact(scene: Array, matrix: Array) -> Array:
-    """The integration matrix for [0, φ] from that for [−1, 1]."""
-    result = np.empty_like(matrix)
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            result[i, j] = matrix[i, j] * scene[WRAP_ANGLE] / 2
+def on_contact(scene: Array, packed: Array, degree: int) -> Array:
+    """The integration matrix for [0, φ], from that for [−1, 1] at the beginning of `packed`."""
+    size = degree + 1
+    result = np.empty((size, size))
+    for i in range(size):
+        for j in range(size):
+            result[i, j] = packed[i * size + j] * scene[WRAP_ANGLE] / 2
     return result
 
 
 @inner
-def frictionless(scene: Array, degree: int) -> Array:
-    """The unknowns of the yarn without friction: a circle at constant tension and twist."""
-    x = np.zeros(degree + 2)
-    x[-1] = scene[TWIST_CONGESTION] * (1 - scene[TWIST_TRAPPING]) * scene[TWIST_CD]
-    return x
-
-
-@inner
-def straight(scene: Array, matrix: Array) -> Array:
+def straight(problem: Flexible) -> Array:
     """A first guess: q straight along the contact, with the friction direction of a yarn square to the axis."""
-    size, length = matrix.shape[0], scene[WRAP_ANGLE]
-    x = frictionless(scene, size - 1)
-    problem = Flexible(scene, on_contact(scene, matrix))
+    scene, size = problem.scene, problem.integration.shape[0]
+    length = scene[WRAP_ANGLE]
+    x = np.empty(size + 1)
+    x[-1] = scene[TWIST_CONGESTION] * (1 - scene[TWIST_TRAPPING]) * scene[TWIST_CD]  # without friction: T_AB = T_CD
     slope, ratio = flow(scene, 0.0, x[-1])[0], scene[SPAN_RATIO]
     for j in range(size):
         x[j] = slope * length * ((1 - np.cos(np.pi * j / (size - 1))) / 2 - 1 / (1 + ratio))
@@ -224,56 +210,27 @@ def straight(scene: Array, matrix: Array) -> Array:
     return x
 
 
-@inner
-def from_frictionless(problem: Flexible, x: Array) -> tuple[int, int, float, Array]:
-    """Continue in friction from 0, halving the step where Newton fails; x as for `newton`.
-
-    Returns status, all iterations, last correction and residuals.
-    """
-    scene = problem.scene
-    friction = scene[FRICTION]
-    assign(x, frictionless(scene, x.shape[0] - 2))
-    reached, step, iterations = 0.0, 0.25, 0
-    while True:
-        part = min(1.0, reached + step)
-        scene[FRICTION] = part * friction
-        trial = x.copy()
-        found = newton(problem, trial, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
-        iterations += found[1]
-        if found[0] == CONVERGED:
-            assign(x, trial)
-            reached, step = part, 2 * step
-        else:
-            step /= 2
-        if (part == 1.0 and found[0] == CONVERGED) or step < SMALLEST_FRICTION_STEP:
-            scene[FRICTION] = friction
-            return found[0], iterations, found[2], found[3]
-
-
-@inner
-def refine(scene: Array, matrices: tuple[Array, ...]) -> Refined:
-    """Raise the degree until the ends stop changing; `matrices` holds `chebyshev_integration` for each of DEGREES."""
-    degree, iterations, ending = matrices[0].shape[0] - 1, 0, UNRESOLVED
-    x = straight(scene, matrices[0])
+@compiled
+def find(scene: Array, matrices: Integrals) -> Refined:
+    """Solve one scene, `Dimensionless.vector`: raise the degree until the ends stop changing."""
+    degree, first, iterations, ending = matrices.degrees[0], 0, 0, UNRESOLVED
+    problem = Flexible(scene, on_contact(scene, matrices.matrices, degree))
+    x = straight(problem)
     at_B, change, size = np.full(3, np.nan), np.full(3, np.nan), np.inf
     status, step, value = 0, np.nan, np.empty(0)
-    problem = Flexible(scene, matrices[0])
-    for matrix in matrices:
-        degree = matrix.shape[0] - 1
+    for degree in matrices.degrees:
         if iterations > 0:
             coarse = x
             x = np.empty(degree + 2)
             assign(x[:-1], resample(coarse[:-1], degree))
             x[-1] = coarse[-1]
-        problem = Flexible(scene, on_contact(scene, matrix))
+            problem = Flexible(scene, on_contact(scene, matrices.matrices[first:], degree))
+        first += (degree + 1) ** 2
         status, count, step, value, _ = newton(problem, x, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
         iterations += count
         if status != CONVERGED:
-            status, count, step, value = from_frictionless(problem, x)
-            iterations += count
-            if status != CONVERGED:
-                ending = NEWTON_FAILED
-                break
+            ending = NEWTON_FAILED
+            break
         log_p, tau = residuals(problem, x[:-1], x[-1], value)
         found = compiled_ends(scene[TENSION_CD], x[0], log_p, tau)
         change, size, at_B = found - at_B, compiled_relative_change(found, at_B), found
@@ -305,12 +262,6 @@ compiled_ends = inner(ends)
 
 
 @compiled
-def find(scene: Array, matrices: tuple[Array, ...]) -> Refined:
-    """Solve one scene, `Dimensionless.vector`."""
-    return refine(scene, matrices)
-
-
-@compiled
 def jacobian_matrix(problem: Flexible, x: Array) -> Array:
     """∂F/∂x at x, shape (n + 2, n + 2)."""
     matrix = np.empty((x.shape[0], x.shape[0]))
@@ -326,10 +277,9 @@ def values(problem: Flexible, x: Values) -> tuple[Values, Any, Any]:
     return value, log_p, tau
 
 
-@cache
-def integration_matrices() -> tuple[Array, ...]:
+def integration_matrices() -> Integrals:
     """The matrices that `find` takes."""
-    return tuple(chebyshev_integration(degree) for degree in DEGREES)
+    return integrals(DEGREES)
 
 
 def solve_rows(scenes: Array, table: Any) -> None:
@@ -348,13 +298,13 @@ def solve_flexible(scene: Scene, *, profile: bool = True, rotation: float | None
     problem = scene.dimensionless()
     found = find(problem.vector, integration_matrices())
     settled = found.ending == SETTLED
-    if settled and feedback(problem.vector) < STRONG_FEEDBACK:
+    if settled and not perhaps_several(problem.vector):
         return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None)
     roots = find_roots(problem.vector)
     w = choose(scene, roots, rotation)
     if w is None:
         return failed(scene, NAME, Outcome.STICKING, Outcome.STICKING.value, found)
-    others = several(scene, roots, w)
+    others = several(scene, roots.w, w)
     if settled and abs(found.w - w) <= SAME_ROOT * (1 + abs(w)):
         return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None, others=others)
     exact = _on_path(problem, w)
@@ -367,17 +317,66 @@ def choose(scene: Scene, roots: Roots, rotation: float | None = None) -> float |
         return None
     if rotation is not None:
         wanted = rotation * scene.cylinder_radius / scene.delivery_speed
-        return min(roots.w, key=lambda w: abs(w - wanted))
+        return nearest(roots.w, wanted)
     return roots.settled if np.isfinite(roots.settled) else roots.w[0]
 
 
-def several(scene: Scene, roots: Roots, taken: float) -> str:
-    """The other solutions and how to get them; empty where there are none."""
-    if len(roots.w) < 2:
+def several(scene: Scene, roots: Sequence[float], taken: float, whose: str = "") -> str:
+    """What of several solutions was taken, and how to get the others; empty where there are none.
+
+    Parameters
+    ----------
+    roots : w of all solutions of the flexible yarn.
+    taken : w of the solution that was taken, of this model or another one.
+    whose : words for the others, if they are another model's.
+    """
+    if len(roots) < 2:
         return ""
     unit = scene.delivery_speed / scene.cylinder_radius
-    others = ", ".join(f"{w * unit:.6g}" for w in roots.w if w != taken)
-    return f"n₁ = {taken * unit:.6g} /s; others at n₁ = {others} /s: solve with rotation= near one of them"
+    same = nearest(roots, taken)
+    others = ", ".join(f"{w * unit:.6g}" for w in roots if w != same)
+    return f"taken: n₁ = {taken * unit:.6g} /s; others{whose}: n₁ = {others} /s; ask for n₁ near one of them to get it"
+
+
+def nearest(roots: Sequence[float], w: float) -> float:
+    """The root next to w."""
+    return min(roots, key=lambda root: abs(root - w))
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """The flexible yarn as a first guess for a rod."""
+
+    at: Callable[[Array], Array]
+    """θ, p₃/p₃CD and τ at ascending ψ [rad], shape (3, n)."""
+    w: float
+    roots: tuple[float, ...]
+    """w of all solutions of the flexible yarn."""
+
+
+def first_guess(scene: Scene, rotation: float | None = None) -> Guess | None:
+    """The solution that `solve_flexible` would take; None where there is none."""
+    problem = scene.dimensionless()
+    yarn = find(problem.vector, integration_matrices())
+    if yarn.ending == SETTLED and not perhaps_several(problem.vector):
+        w = float(yarn.w)
+        return Guess(polynomial(rod_values(yarn.fields), problem.wrap_angle), w, (w,))
+    roots = find_roots(problem.vector)
+    w = choose(scene, roots, rotation)
+    if w is None:
+        return None
+    return Guess(lambda psi: rod_values(path_values(problem.vector, w, psi, ROOT_PRECISION)), w, roots.w)
+
+
+@inner
+def rod_values(yarn: Array) -> Array:
+    """A rod's fields θ, p₃/p₃CD and τ from the flexible yarn's q, ln(p₃/p₃CD) and τ, shape (3, n)."""
+    fields = np.empty((3, yarn.shape[1]))
+    for j in range(yarn.shape[1]):
+        fields[0, j] = 2 * np.arctan(np.exp(yarn[0, j]))
+        fields[1, j] = np.exp(yarn[1, j])
+        fields[2, j] = yarn[2, j]
+    return fields
 
 
 def _path_fields(scene: Dimensionless, w: float) -> Fields:
@@ -417,7 +416,7 @@ def _fields(scene: Dimensionless, found: Refined) -> Fields:
 
 
 @compiled
-def find_rows(scenes: Array, matrices: tuple[Array, ...], table: Any) -> None:
+def find_rows(scenes: Array, matrices: Integrals, table: Any) -> None:
     """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW."""
     for i in range(scenes.shape[0]):
-        record(refine(scenes[i].copy(), matrices), table[i])
+        record(find(scenes[i].copy(), matrices), table[i])

@@ -46,6 +46,17 @@ def friction_slopes(scene: Values, sine: float, cosine: float, w: float) -> tupl
 
 
 @inner
+def angles_at_ends(t: Any, ratio: Any) -> tuple[Any, Any]:
+    """Cosθ_B and cosθ_C by the geometry of the spans, where tanh(q_C − q_B) = t for q = ln tan(θ/2); analytic.
+
+    With cosθ = −tanh q it is l cosθ_B + cosθ_C = 0, l = l_AB/l_CD = `ratio`, a quadratic in cosθ_C:
+    t cos²θ_C + (1 + l) cosθ_C + l t = 0. Both rise or fall with t.
+    """
+    cosine_C = -2 * ratio * t / ((1 + ratio) + np.sqrt((1 + ratio) * (1 + ratio) - 4 * ratio * t * t))
+    return (cosine_C + t) / (1 + cosine_C * t), cosine_C
+
+
+@inner
 def end_conditions(scene: Values, ends: tuple[Any, ...], tau_B: Any, tau_C: Any, w: Any, out: Values) -> None:
     """Three boundary conditions that all models share (paper, Eqs 15, 16 and 19): out[0], out[2] and out[3].
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from models import flexible
-from models.boundary_value import Array, Values, register, solve
+from models.boundary_value import Array, Values, highest_derivatives, register, solve
 from models.compiled import compiled
 from models.complex_step import sine_cosine
 from models.discretisation import chebyshev_collocation, interpolation
@@ -33,7 +33,7 @@ from models.scene import BENDING_RIGIDITY, FRICTION, SPAN_RATIO, TENSION_CD, YAR
 from models.solution import PROFILE_POINTS, Fields, failed, solution
 
 NAME = "kirchhoff-spans"
-ORDERS = np.array([1, 1, 1, 1, 1])
+ORDERS = highest_derivatives(1, 1, 1, 1, 1)
 DEGREES = (12, 16, 24, 32, 48, 64, 96)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the refinement ends."""

@@ -112,7 +112,8 @@ def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
 def lu_solve(factors: Array, pivots: NDArray[np.int64], right: Array) -> Array:
     """Solve with the factors; `right`, shape (n,), is not changed."""
     n = factors.shape[0]
-    x = right.copy()
+    x = np.empty(n)
+    assign(x, right)
     for k in range(n):
         p = pivots[k]
         x[k], x[p] = x[p], x[k]
@@ -182,8 +183,8 @@ def advance(x: Array, length: float, direction: Array, result: Array) -> None:
 
 @inner
 def assign(target: Array, source: Array) -> None:
-    """Copy into an array of the same length."""
-    for i in range(target.shape[0]):
+    """Copy to the beginning of an array."""
+    for i in range(source.shape[0]):
         target[i] = source[i]
 
 
@@ -191,7 +192,8 @@ def assign(target: Array, source: Array) -> None:
 def lu_solve_transposed(factors: Array, pivots: NDArray[np.int64], right: Array) -> Array:
     """Solve with the transposed matrix; `right`, shape (n,), is not changed."""
     n = factors.shape[0]
-    x = right.copy()
+    x = np.empty(n)
+    assign(x, right)
     # By rows, which lie together, so that the inner loops become vector instructions.
     for i in range(n):
         x[i] /= factors[i, i]
@@ -261,31 +263,30 @@ def newton(
     x : start on entry and last iterate on return, shape (n,).
     step_tolerance : largest accepted correction |J⁻¹F| at x, relative to 1 + |x|.
     residual_tolerance : largest accepted |F| at x.
-    max_iterations : steps, with a new Jacobian or the last one.
+    max_iterations : largest number of corrections, with a new Jacobian or the last one.
 
     Returns
     -------
     tuple
-        Status, iterations, the last correction (maximum norm), F at x, and the last Jacobian.
+        Status, number of corrections, the last one relative to 1 + |x|, F at x, and the last Jacobian.
     """
     n = x.shape[0]
-    value, trial_value, direction, trial = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    factors, pivots = np.empty((n, n)), np.empty(n, np.int64)
-    last = LinearSystem(factors, pivots, np.inf)
-    step, damping, chord, simplified = np.inf, 1.0, False, direction
+    value, trial_value, trial = np.empty(n), np.empty(n), np.empty(n)
+    direction = simplified = value
+    factors, pivots, matrix_norm = np.empty((n, n)), np.empty(n, np.int64), np.inf
+    status, corrections, step, damping, chord = MAX_ITERATIONS_REACHED, 0, np.inf, 1.0, False
     residual(problem, x, value)
-    for iteration in range(max_iterations + 1):
+    while corrections < max_iterations:
+        corrections += 1
         size = largest(value)
-        if not np.isfinite(size):
-            return NOT_FINITE, iteration, step, value, last
         if not chord:
             jacobian(problem, x, factors)
-            last = LinearSystem(factors, pivots, one_norm(factors))
-            if not np.isfinite(last.norm):
-                return NOT_FINITE, iteration, step, value, last
-            if not lu_factor(factors, pivots):
-                return SINGULAR, iteration, step, value, last
-            assign(direction, lu_solve(factors, pivots, value))
+            matrix_norm = one_norm(factors)
+            finite = np.isfinite(size) and np.isfinite(matrix_norm)
+            if not (finite and lu_factor(factors, pivots)):
+                status = SINGULAR if finite else NOT_FINITE
+                break
+            direction = lu_solve(factors, pivots, value)
             damping = min(1.0, 4.0 * damping)
         step = relative_step(direction, x)
         if step <= step_tolerance and size <= residual_tolerance:
@@ -294,12 +295,10 @@ def newton(
             if largest(trial_value) <= size:
                 assign(x, trial)
                 assign(value, trial_value)
-            return CONVERGED, iteration + 1, step, value, last
-        if iteration == max_iterations:
+            status = CONVERGED
             break
-        length = norm(direction)
-        contraction = np.inf
-        while True:
+        length, contraction = norm(direction), np.inf
+        while damping >= MIN_DAMPING:
             advance(x, -damping, direction, trial)
             residual(problem, trial, trial_value)
             if np.isfinite(largest(trial_value)):
@@ -313,9 +312,10 @@ def newton(
                 contraction = np.inf  # the old Jacobian is of no use here: a new one at the same x
                 break
             damping /= 2.0
-            if damping < MIN_DAMPING:
-                return STALLED, iteration, step, value, last
+        if damping < MIN_DAMPING:
+            status = STALLED
+            break
         chord = damping == 1.0 and contraction <= GOOD_CONTRACTION
         if chord:
-            assign(direction, simplified)
-    return MAX_ITERATIONS_REACHED, max_iterations, step, value, last
+            direction = simplified
+    return status, corrections, step, value, LinearSystem(factors, pivots, matrix_norm)

@@ -10,8 +10,9 @@ for which some angle has no slip at all, across = along = 0: cosθ* = −v/v_b, 
 point attracts the yarn, which then rests on the moving surface over a part of the contact, and the friction there has
 no direction. For η > 0 the geometry of the spans lets G only fall there, with rising w: to reach θ* the yarn comes from
 the side that makes T_AB rise. So for η ≥ 0 a sliding solution always exists, with G' ≥ 0; for η < 0 the sign of G may
-change at the jump and nowhere else, and then there is none. A scan finds roots; it cannot prove that two close ones
-were not overlooked.
+change at the jump and nowhere else, and then there is none. Where a bound proves that there is one solution only
+(uniqueness.py) nothing needs to be scanned; elsewhere a scan, on both sides of the jump, finds roots, but cannot prove
+that two close ones were not overlooked.
 
 What couples twist back to itself is Γ = η R₀² p₃CD (1 − exp(−μφ)) in units of K: more twist in AB turns the friction
 across the yarn, which twists it more. For a cylinder at rest, T_CD = 0 and l_AB = l_CD, w = 0 is a solution with
@@ -49,9 +50,8 @@ ROOT_TOLERANCE = 1e-5
 """Of G relative to 1 + |w|, where w is exact to rounding: above it G jumps instead of passing through zero."""
 MAX_STEPS = 20_000
 FRICTION_STEPS = 16
-STRONG_FEEDBACK = 0.33
-"""Γ from which on roots are counted. Measured, not proven: of the 5788 scenes below it among the first 10 000 of
-`pipeline.bench.random_scenes` three had several, all beside a jump of the friction's direction."""
+BESIDE_JUMP = 1e-9
+"""How near to the jump of G it is evaluated, relative to 1 + |w|: solutions can be as near to it as 1e-5."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,12 @@ def _trials(scene: Array) -> Array:
     farthest = spin * (abs(scene[TWIST_CONGESTION]) * twist + abs(scene[TWIST_CD]) + 1.0)
     unit = (1 + speed) / 4
     even = np.linspace(-1.0, 1.0, SCAN_POINTS) * np.arcsinh(farthest / unit)
-    return np.asarray(scene[TWIST_CD] + unit * np.sinh(even) / spin, dtype=np.float64)
+    trials = scene[TWIST_CD] + unit * np.sinh(even) / spin
+    if speed > 1:
+        jump = scene[TWIST_CD] - scene[CYLINDER_SPEED] / spin * math.sqrt(1 - 1 / speed**2)
+        beside = BESIDE_JUMP * (1 + abs(jump))
+        trials = np.sort(np.append(trials, [jump - beside, jump + beside]))
+    return np.asarray(trials, dtype=np.float64)
 
 
 @inner

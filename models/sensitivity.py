@@ -20,7 +20,8 @@ from models.discretisation import chebyshev_collocation, chebyshev_integration
 from models.outcome import Ends
 from models.refinement import Refined, outcome
 from models.scene import TENSION_CD, WRAP_ANGLE, Scene, normalised
-from models.self_consistency import STRONG_FEEDBACK, feedback, find_roots
+from models.self_consistency import find_roots
+from models.uniqueness import perhaps_several
 
 Complex = NDArray[np.complex128]
 
@@ -34,7 +35,7 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     another one than was reported.
     """
     vector = scene.dimensionless().vector
-    if feedback(vector) >= STRONG_FEEDBACK and len(find_roots(vector).w) > 1:
+    if perhaps_several(vector) and len(find_roots(vector).w) > 1:
         return None
     if model == kirchhoff_spans.NAME:
         elastic = kirchhoff_spans.find(scene.dimensionless())
@@ -44,7 +45,8 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
         found = flexible.find(vector, flexible.integration_matrices())
         return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
     rod = cosserat.ROD if model in (cosserat.NAME, cosserat_fd.NAME) else kirchhoff.ROD
-    found = rod.find(vector, flexible.integration_matrices(), slow_manifold.collocation_matrices())
+    matrices = slow_manifold.collocation_matrices()
+    found = slow_manifold.find(rod.problem(vector), flexible.integration_matrices(), matrices)
     if not outcome(found, scene)[0].ok:
         return None
     return _collocated(scene, vector, found, rod.problem, slow_manifold.ORDERS, _rod_ends)

@@ -14,14 +14,15 @@ NO_SCALE_SEPARATION.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from models.boundary_value import Array, Collocated, Values, pointwise_arguments
-from models.compiled import inner
-from models.discretisation import chebyshev_reference, resample
+from models import flexible
+from models.boundary_value import Array, Collocated, Values, highest_derivatives, pointwise_arguments
+from models.compiled import compiled, inner
+from models.discretisation import Derivatives, Integrals, derivatives, resample
 from models.newton import (
     CONVERGED,
     LinearSystem,
@@ -44,11 +45,12 @@ from models.refinement import (
     START_FAILED,
     Refined,
     compiled_relative_change,
+    record,
 )
 from models.scene import TENSION_CD, WRAP_ANGLE, Dimensionless
 from models.solution import Fields
 
-ORDERS = np.array([3, 1, 1])
+ORDERS = highest_derivatives(3, 1, 1)
 """Highest derivatives of the fields θ, p₃/p₃CD and τ."""
 ARGUMENTS = 8
 """θ, θ', θ'', θ''', p₃, p₃', τ, τ': what the equations at a point take."""
@@ -67,40 +69,43 @@ CORRECTION_DEGREE = 8
 LARGEST_CONDITION = 1e9
 """Above it the layers have entered the discrete problem."""
 
-Matrices = tuple[tuple[Array, ...], tuple[Array, ...]]
-"""For each of DEGREES, values and derivatives at the collocation points, and at the nodes; on [−1, 1]."""
-
 
 def normal_force(problem: Any, f: Values) -> Any:
     """N in units of p₃CD/r₀ from the pointwise arguments, shape (8,); each rod gives its own by `implement`."""
     raise NotImplementedError(f"no normal force for {type(problem).__name__}")
 
 
-@cache
-def collocation_matrices() -> Matrices:
-    """The matrices that `search` takes."""
-    references = [chebyshev_reference(degree) for degree in DEGREES]
-    return tuple(r[2] for r in references), tuple(r[3] for r in references)
+def collocation_matrices() -> Derivatives:
+    """The matrices that `find` takes."""
+    return derivatives(DEGREES)
 
 
-@inner
-def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
-    """Raise the degree from the flexible yarn's solution `start` while the ends settle."""
+@compiled
+def find(problem: Any, integration: Integrals, matrices: Derivatives) -> Refined:
+    """Raise the degree from the flexible yarn's solution while the ends settle.
+
+    Parameters
+    ----------
+    problem : of a rod's type, with the numbers of `Dimensionless.vector` as its scene.
+    integration : `flexible.integration_matrices`.
+    matrices : `collocation_matrices`.
+    """
     scene, nothing = problem.scene, np.full(3, np.nan)
-    fields, w = start.fields, start.w
+    start = flexible.find(scene, integration)
+    fields, w = flexible.rod_values(start.fields), start.w
     best = Refined(
         START_FAILED, start.status, start.degree, fields, w, nothing, nothing, np.inf, np.nan, np.nan, np.nan,
         start.iterations, np.nan, np.nan, np.nan, np.nan,
     )  # fmt: skip
     if start.ending != SETTLED:
         return best
-    at_B, change, smallest, last, chosen = nothing, nothing, np.inf, np.inf, 0
-    iterations, ending, last_condition = start.iterations, NEWTON_FAILED, np.inf
-    for rung in range(len(matrices[0])):
-        at_points = matrices[0][rung]
-        degree = at_points.shape[1]
-        x = start_values(start, degree) if rung == 0 else unknowns(fields, w, degree)
-        collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
+    at_B, change, smallest, last = nothing, nothing, np.inf, np.inf
+    iterations, ending, last_condition, first = start.iterations, NEWTON_FAILED, np.inf, 0
+    for degree in matrices.degrees:
+        x = unknowns(fields, w, degree)
+        at_points = scaled(matrices.at_points[first:], degree, degree + 1, scene[WRAP_ANGLE])
+        first += at_points.size
+        collocated = Collocated(problem, ORDERS, at_points)
         tolerance = max(NEWTON_TOLERANCE, SHARE_OF_CHANGE * min(last, FIRST_CHANGE))
         status, count, step, value, system = newton(collocated, x, tolerance, 10 * tolerance, MAX_ITERATIONS)
         iterations += count
@@ -117,7 +122,7 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
         found = compiled_rod_ends(scene[TENSION_CD], fields[0, 0], fields[1, 0], fields[2, 0])
         size, change, at_B = compiled_relative_change(found, at_B), found - at_B, found
         if size < smallest:
-            smallest, chosen = size, rung
+            smallest = size
             rows = 3 * degree
             best = Refined(
                 SETTLED if size <= LARGEST_CHANGE else DRIFTING, status, degree, fields, w, at_B, change, size,
@@ -131,24 +136,36 @@ def search(problem: Any, start: Refined, matrices: Matrices) -> Refined:
         last = size
     if not np.isfinite(smallest):
         return best
-    lowest, where = lowest_normal_force(problem, matrices[0][chosen], matrices[1][chosen], best)
+    lowest, where = lowest_normal_force(problem, matrices, best.fields)
     return Refined(
         best.ending, best.status, best.degree, best.fields, best.w, best.ends, best.change, best.size, best.theta_C,
         lowest, where, best.iterations, best.step, best.residual, best.boundary_residual, best.condition,
     )  # fmt: skip
 
 
-@inner
-def first_correction(problem: Any, yarn: Refined, at_points: Array) -> Array:
+@compiled
+def find_rows(problem: Any, scenes: Array, integration: Integrals, matrices: Derivatives, table: NDArray[Any]) -> None:
+    """Solve many scenes, `Dimensionless.vector` in each row, into a table of type ROW.
+
+    The problem's own numbers are overwritten: each thread needs its own problem.
+    """
+    for i in range(scenes.shape[0]):
+        assign(problem.scene, scenes[i])
+        record(find(problem, integration, matrices), table[i])
+
+
+@compiled
+def first_correction(problem: Any, yarn: Refined, matrices: Derivatives) -> Array:
     """Relative change of p₃AB, T_AB and θ_B by one Newton step from the flexible yarn, shape (3,).
 
-    Infinite where the Jacobian at this degree is singular or shows fast modes.
+    At the first degree of the matrices; infinite where the Jacobian is singular or shows fast modes there.
     """
-    degree, scene = at_points.shape[1], problem.scene
-    x = start_values(yarn, degree)
+    degree, scene = matrices.degrees[0], problem.scene
+    x = unknowns(flexible.rod_values(yarn.fields), yarn.w, degree)
     size = x.shape[0]
     value, factors, pivots = np.empty(size), np.empty((size, size)), np.empty(size, np.int64)
-    collocated = Collocated(problem, ORDERS, scaled(at_points, scene[WRAP_ANGLE]))
+    at_points = scaled(matrices.at_points, degree, degree + 1, scene[WRAP_ANGLE])
+    collocated = Collocated(problem, ORDERS, at_points)
     residual(collocated, x, value)
     jacobian(collocated, x, factors)
     system = LinearSystem(factors, pivots, one_norm(factors))
@@ -165,49 +182,56 @@ def first_correction(problem: Any, yarn: Refined, at_points: Array) -> Array:
     return change
 
 
-@inner
-def start_values(yarn: Refined, degree: int) -> Array:
-    """The flexible yarn as unknowns of a rod at another degree: θ, p₃/p₃CD and τ at the nodes, then w."""
-    fields = np.empty_like(yarn.fields)
-    for j in range(yarn.degree + 1):
-        fields[0, j] = 2 * np.arctan(np.exp(yarn.fields[0, j]))
-        fields[1, j] = np.exp(yarn.fields[1, j])
-        fields[2, j] = yarn.fields[2, j]
-    return unknowns(fields, yarn.w, degree)
+@compiled
+def normal_forces(problem: Any, f: Array) -> Array:
+    """N in K/r₀³, shape (n,), from the pointwise arguments, shape (n, 8)."""
+    normal = np.empty(f.shape[0])
+    for j in range(f.shape[0]):
+        normal[j] = normal_force(problem, f[j]) * problem.scene[TENSION_CD]
+    return normal
 
 
 @inner
 def unknowns(fields: Array, w: float, degree: int) -> Array:
     """Nodal values at another degree, then w, shape (3 degree + 4,)."""
-    x = np.empty(3 * (degree + 1) + 1)
+    size = degree + 1
+    x = np.empty(3 * size + 1)
     for i in range(3):
-        assign(x[i * (degree + 1) : (i + 1) * (degree + 1)], resample(fields[i], degree))
+        assign(x[i * size :], resample(fields[i], degree))
     x[-1] = w
     return x
 
 
 @inner
-def scaled(reference: Array, length: float) -> Array:
-    """Matrices of derivatives for [0, length] from those for [−1, 1], shape (4, n, m)."""
-    matrices = np.empty_like(reference)
-    factor = 1.0
-    for k in range(reference.shape[0]):
-        for i in range(reference.shape[1]):
-            for j in range(reference.shape[2]):
-                matrices[k, i, j] = reference[k, i, j] * factor
+def scaled(packed: Array, rows: int, columns: int, length: float) -> Array:
+    """Matrices of derivatives for [0, length], shape (4, rows, columns), from those at the beginning of `packed`."""
+    matrices = np.empty((4, rows, columns))
+    factor, place = 1.0, 0
+    for k in range(4):
+        for i in range(rows):
+            for j in range(columns):
+                matrices[k, i, j] = packed[place] * factor
+                place += 1
         factor *= 2.0 / length
     return matrices
 
 
 @inner
-def lowest_normal_force(problem: Any, at_points: Array, at_nodes: Array, found: Refined) -> tuple[float, float]:
+def lowest_normal_force(problem: Any, matrices: Derivatives, fields: Array) -> tuple[float, float]:
     """Smallest N [K/r₀³] at collocation points and nodes, and its ψ [rad]."""
-    degree, length, f = found.degree, problem.scene[WRAP_ANGLE], np.empty(ARGUMENTS)
-    x = found.fields.ravel()
+    degree, length, f = fields.shape[1] - 1, problem.scene[WRAP_ANGLE], np.empty(ARGUMENTS)
+    x = fields.ravel()
+    point, node = 0, 0
+    for other in matrices.degrees:
+        if other == degree:
+            break
+        point += 4 * other * (other + 1)
+        node += 4 * (other + 1) * (other + 1)
     lowest, where = np.inf, np.nan
-    for shift, reference in ((0.5, at_points), (0.0, at_nodes)):
-        derivatives = scaled(reference, length)
-        for j in range(derivatives.shape[1]):
+    for shift, packed in ((0.5, matrices.at_points[point:]), (0.0, matrices.at_nodes[node:])):
+        points = degree if shift else degree + 1
+        derivatives = scaled(packed, points, degree + 1, length)
+        for j in range(points):
             pointwise_arguments(ORDERS, derivatives, j, x, f)
             normal = normal_force(problem, f)
             if normal < lowest:
@@ -222,16 +246,12 @@ class Rod:
     name: str
     problem: Callable[..., Any]
     """Makes the problem that is solved from the scene's numbers."""
-    find: Callable[[Array, tuple[Array, ...], Matrices], Refined]
-    """Compiled search, from the scene's numbers and the matrices of the flexible yarn and of the rod."""
-    normal_forces: Callable[[Array, Array], Array]
-    """N in K/r₀³, shape (n,), from the scene's numbers and the pointwise arguments, shape (8, n)."""
 
 
 def rod_fields(scene: Dimensionless, rod: Rod, nodal: Array, psi: Array, matrices: Array) -> Fields:
     """The solution and its normal force at psi, shape (n,); `matrices` take nodal values there, shape (4, n, m)."""
     values = np.array([matrices[k] @ f for f, order in zip(nodal, ORDERS, strict=True) for k in range(order + 1)])
-    normal = rod.normal_forces(scene.vector, values)
+    normal = normal_forces(rod.problem(scene.vector), np.ascontiguousarray(values.T))
     return Fields(scene, psi, values[0], values[1], values[4] * scene.tension_CD, values[6], normal)
 
 

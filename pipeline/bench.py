@@ -21,11 +21,11 @@ import numpy as np
 from models import capstan, cosserat, flexible, kirchhoff
 from models.batch import solve_many
 from models.cosserat_fd import solve_cosserat_fd
-from models.discretisation import chebyshev_integration, chebyshev_reference
+from models.discretisation import derivatives, integrals
 from models.outcome import Outcome
 from models.scene import Scene
 from models.self_consistency import feedback
-from models.slow_manifold import Rod, collocation_matrices
+from models.slow_manifold import Rod, collocation_matrices, find
 from models.solve import MODELS, ROWS
 from pipeline.peers import CASADI_ORDER, HAVE_CASADI, by_casadi, by_shooting, by_solve_bvp
 from pipeline.threads import one_thread
@@ -148,7 +148,7 @@ def _flexible() -> Iterator[Cost]:
     vector, matrices = BASE.dimensionless().vector, flexible.integration_matrices()
     exact = flexible.find(vector, matrices).ends[0]
     for degree in (4, 6, 8, 12, 16):
-        same = (chebyshev_integration(degree),) * len(matrices)  # settles at the second, which checks the first
+        same = integrals((degree, degree))  # settles at the second, which checks the first
         tension, seconds = _timed(lambda same=same: flexible.find(vector, same).ends[0])
         yield Cost(flexible.NAME, f"degree {degree}", degree + 1, abs(tension / exact - 1), seconds)
     found = flexible.find(vector, matrices)
@@ -162,16 +162,15 @@ def _rod(rod: Rod) -> Iterator[Cost]:
     vector, integration, matrices = BASE.dimensionless().vector, flexible.integration_matrices(), collocation_matrices()
 
     def at_degree(degree: int) -> float:
-        reference = chebyshev_reference(degree)  # settles at the second, which checks the first
-        same = (reference[2],) * len(matrices[0]), (reference[3],) * len(matrices[0])
-        return rod.find(vector, integration, same).ends[0]
+        same = derivatives((degree, degree))  # settles at the second, which checks the first
+        return find(rod.problem(vector), integration, same).ends[0]
 
     exact = at_degree(FINEST)
     for degree in (4, 6, 8, 10, 12):
         tension, seconds = _timed(lambda degree=degree: at_degree(degree))
         yield Cost(rod.name, f"degree {degree}", degree + 1, abs(tension / exact - 1), seconds)
-    found = rod.find(vector, integration, matrices)
-    _, seconds = _timed(lambda: rod.find(vector, integration, matrices).size)
+    found = find(rod.problem(vector), integration, matrices)
+    _, seconds = _timed(lambda: find(rod.problem(vector), integration, matrices).size)
     yield Cost(rod.name, STATED, found.degree + 1, found.size, seconds)
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.compiled import compiled, inner, spliced
+from models.compiled import inner, spliced
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
 from pipeline.measure.profile import background, middle, products
@@ -75,7 +75,7 @@ class Aligned(NamedTuple):
     """[rad]"""
 
 
-@compiled
+@inner
 def align(image: Image | Pixels, x: float, y: float, angle: float, radius: float) -> Aligned:
     """Align a line with the yarn on it.
 
@@ -103,7 +103,7 @@ def align(image: Image | Pixels, x: float, y: float, angle: float, radius: float
     return Aligned(none, nothing, angle)
 
 
-@compiled
+@inner
 def cut(image: Image | Pixels, x: float, y: float, angle: float, reach: float, shortest: float) -> Cut:
     """Cut a frame over `reach` on each side of a line; nothing where less than `shortest` of that band is in view."""
     step = step_across(angle)
@@ -116,7 +116,7 @@ def cut(image: Image | Pixels, x: float, y: float, angle: float, reach: float, s
     return Cut(block_means(image, x, y, angle, half, count, BLOCK), step, x, y, length)
 
 
-@compiled
+@inner
 def register(blocks: Image) -> Registered:
     """Find what blocks, shape (blocks, rows), have in common, and how the yarn lies in them."""
     count, rows = blocks.shape

@@ -80,7 +80,7 @@ def scaled(body: LitProfile, factor: float) -> LitProfile:
     )
 
 
-@compiled
+@inner
 def fit_lit(profile: Array, spread: Array, starts: Array) -> LitProfile:
     """Fit the profile from each start and return the best fit, `NOT_FITTED` where none stays inside of its bounds.
 
@@ -111,7 +111,7 @@ def bright_side(profile: Array) -> tuple[float, float]:
     return float(bright[0] - profile.size // 2), float(bright[-1] - profile.size // 2)
 
 
-@compiled
+@inner
 def side_starts(profile: Array, blur: float) -> Array:
     """Starts with the lamp on either side: R(1 + cos α) of the width is bright, from the edge that faces the lamp.
 

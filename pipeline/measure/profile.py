@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from models.compiled import inner, summing
+from models.compiled import inner, spliced, summing
 from models.newton import lu_factor, lu_solve
 from pipeline.measure.lines import Image
 from pipeline.records import Array
@@ -225,7 +225,7 @@ def fit_profile(
         offset, radius, blur = found[:3]
 
 
-@inner
+@spliced
 def _fit(
     profile: Array, spread: Array, offset: float, radius: float, blur: float, sine: Array, share: Array
 ) -> tuple[float, float, float, float, float, float, float, float]:

@@ -12,7 +12,7 @@ from models.continuation import End, Family, collocated_family, follow
 from models.discretisation import chebyshev_collocation
 from models.flexible import integration_matrices
 from models.scene import FRICTION
-from models.slow_manifold import ORDERS, collocation_matrices
+from models.slow_manifold import ORDERS, collocation_matrices, find
 
 BRATU_FOLD = 3.513830719125162
 """u'' + λ eᵘ = 0, u(0) = u(1) = 0: λ = 8 (s / cosh s)² at its maximum over s, s tanh s = 1."""
@@ -109,7 +109,7 @@ def test_values_that_are_not_finite_end_in_words_not_in_an_exception() -> None:
 
 def test_a_collocated_problem_in_its_friction_reaches_the_direct_solution() -> None:
     problem = scene().dimensionless()
-    direct = kirchhoff.find(problem.vector, integration_matrices(), collocation_matrices())
+    direct = find(kirchhoff.Consistent(problem.vector), integration_matrices(), collocation_matrices())
     degree = direct.degree
     grid = chebyshev_collocation(degree, problem.wrap_angle)
     circle = np.outer([np.pi / 2, 1.0, 2 * np.pi * problem.twist_CD], np.ones(degree + 1))

@@ -10,7 +10,7 @@ from models import flexible
 from models.boundary_value import solve
 from models.cosserat import Printed, solve_cosserat
 from models.cosserat_fd import INTERVALS, solve_cosserat_fd
-from models.discretisation import chebyshev_collocation, chebyshev_integration, finite_differences, interpolation
+from models.discretisation import chebyshev_collocation, finite_differences, integrals, interpolation
 from models.outcome import Solution
 from models.scene import Scene
 from models.slow_manifold import ORDERS
@@ -54,7 +54,7 @@ def test_flexible_quadratures_converge_exponentially() -> None:
     errors = []
     for degree in (4, 8, 12, 16):
         # Every rung of the search has the same degree: it settles at the second.
-        found = flexible.find(vector, (chebyshev_integration(degree),) * len(flexible.DEGREES))
+        found = flexible.find(vector, integrals((degree, degree)))
         assert found.degree == degree
         errors.append(np.max(np.abs(found.ends / reference - 1)))
     # Each four degrees more gain at least a factor of 50 until rounding.

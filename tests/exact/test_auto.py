@@ -10,7 +10,6 @@ from scenes import scene, table_1
 from models import auto, capstan, flexible, kirchhoff
 from models.outcome import Ends
 from models.scene import Scene
-from models.slow_manifold import CORRECTION_DEGREE, DEGREES, collocation_matrices
 
 
 def relative(found: Ends, other: Ends) -> np.ndarray:
@@ -22,7 +21,7 @@ def relative(found: Ends, other: Ends) -> np.ndarray:
 def test_the_estimated_bending_effect_is_the_true_one_up_to_its_square(problem: Scene) -> None:
     vector = problem.dimensionless().vector
     yarn = flexible.find(vector, flexible.integration_matrices())
-    estimate = auto.bending_effect(vector, yarn, collocation_matrices()[0][DEGREES.index(CORRECTION_DEGREE)])
+    estimate = auto.bending_effect(vector, yarn)
     rod, bent = kirchhoff.solve_kirchhoff(problem).require(), flexible.solve_flexible(problem).require()
     true = relative(rod.ends, bent.ends)
     np.testing.assert_allclose(estimate, true, rtol=0.1, atol=1e-4)

@@ -6,15 +6,15 @@ from scenes import scene
 
 from models import cosserat, flexible, kirchhoff
 from models.boundary_value import Collocated, evaluated, linearised
-from models.compiled import inner
+from models.compiled import compiled
 from models.complex_step import COMPLEX_STEP, reciprocal, sine_cosine, square_root
 from models.discretisation import chebyshev_collocation, chebyshev_integration
-from models.slow_manifold import ORDERS
+from models.slow_manifold import ORDERS, normal_forces
 
 PSI = np.linspace(0.1, 0.9, 7)
 
 
-RING = np.array([[np.pi / 2, 0, 0, 0, 1, 0, 9, 0]]).T
+RING = np.array([[np.pi / 2, 0, 0, 0, 1, 0, 9, 0]])
 """A point of a planar ring: θ = 90°, p₃ = p₃CD, τ = 9."""
 
 
@@ -28,7 +28,7 @@ def smooth_fields() -> np.ndarray:
 
 def test_shear_and_its_derivative_match_differences_of_the_curvature() -> None:
     # κ', κ'' in the code are expanded by hand; here they come from central differences of κ alone.
-    p1 = cosserat.balance.py_func(scene().dimensionless().vector, smooth_fields())[2]
+    p1 = cosserat.balance(scene().dimensionless().vector, smooth_fields())[2]
 
     def kappa(psi: np.ndarray) -> np.ndarray:
         theta, slope = 1.5 + 0.3 * np.sin(psi), 0.3 * np.cos(psi)
@@ -57,20 +57,20 @@ def test_balance_of_the_printed_model_matches_differences() -> None:
     p1, p2, sine, S = shears(PSI)
     tau, tension, d1 = 7 + np.cos(2 * PSI), 1 + 0.2 * PSI**2, 0.3 * np.cos(PSI)
     X, Y = sine * dp1 - p2 * tau + tension * sine * S, sine * dp2 + p1 * tau
-    across, normal, *_ = cosserat.balance.py_func(d.vector, smooth_fields())
+    across, normal, *_ = cosserat.balance(d.vector, smooth_fields())
     np.testing.assert_allclose(normal, sine / S * X + d1 / S * Y, rtol=1e-7)
     np.testing.assert_allclose(across, -d1 / S * X + sine / S * Y, rtol=1e-7, atol=1e-9)
 
 
 def test_a_twisted_ring_presses_with_tension_over_radius() -> None:
     # Planar circle θ = 90°: N = p₃/r₀ whatever the twist, exactly, for the consistent rod.
-    normal = kirchhoff.normal_forces(scene().dimensionless().vector, RING)
+    normal = normal_forces(kirchhoff.Consistent(scene().dimensionless().vector), RING)
     np.testing.assert_allclose(normal, 600.0, rtol=1e-14)
 
 
 def test_the_printed_model_adds_a_twist_term_to_the_ring() -> None:
     # The same ring in the printed equations: N = p₃ + (B − K) τ², the term that physics.md section 5 names.
-    normal = cosserat.normal_forces(scene().dimensionless().vector, RING)
+    normal = normal_forces(cosserat.Printed(scene().dimensionless().vector), RING)
     np.testing.assert_allclose(normal, 600.0 + 0.3 * 81.0, rtol=1e-14)
 
 
@@ -94,7 +94,7 @@ def test_jacobians_of_the_rods_are_exact(problem) -> None:
 def test_slopes_at_a_point_are_those_of_one_argument_at_a_time(model, problem) -> None:
     given, w = problem(scene().dimensionless().vector), 1.1
     point = np.array([1.3, 0.2, -0.4, 0.3, 0.9, -0.2, 7.0, 0.6])
-    values, slopes = linearised(given, point[:, None], w, 3)
+    values, slopes = linearised(given, point[None], w, 3)
     np.testing.assert_allclose(values[0], model.equations(given, point, w), rtol=1e-14)
     for a in range(point.size):
         moved = point + 1j * COMPLEX_STEP * (np.arange(point.size) == a)
@@ -108,7 +108,7 @@ def test_jacobian_of_the_flexible_yarn_is_exact() -> None:
     check_jacobian(flexible.jacobian_matrix(problem, x), lambda x: flexible.values(problem, x)[0], x)
 
 
-@inner
+@compiled
 def first_order(x):
     """Sine, cosine, root and reciprocal as compiled code picks them by type."""
     sine, cosine = sine_cosine(x)

@@ -9,7 +9,7 @@ from scenes import scene, table_1
 from models.flexible import find, integration_matrices, solve_flexible
 from models.outcome import Outcome
 from models.scene import Scene
-from models.self_consistency import feedback, find_roots
+from models.self_consistency import find_roots
 
 
 def at_rest(feedback_ratio: float) -> Scene:
@@ -48,7 +48,7 @@ def test_one_of_several_solutions_is_taken_and_the_others_can_be_had() -> None:
         other = solve_flexible(problem, rotation=w)
         assert other.rotation == pytest.approx(w, rel=1e-9)
         assert f"{w:.6g}" in taken.message
-        assert "rotation=" in other.message
+        assert "ask for n₁ near one of them" in other.message
 
 
 def test_raising_the_friction_leads_to_the_settled_solution() -> None:
@@ -73,7 +73,3 @@ def test_a_yarn_that_must_stick_is_told_so() -> None:
     solution = solve_flexible(problem)
     assert solution.outcome is Outcome.STICKING
     assert math.isnan(solution.ends.tension_AB)
-
-
-def test_weak_feedback_is_not_scanned() -> None:
-    assert all(feedback(s.dimensionless().vector) < 0.33 for s in (scene(), table_1(1), table_1(2), table_1(3)))
