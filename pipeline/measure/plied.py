@@ -210,4 +210,5 @@ def _axis(picture: Picture, centre: tuple[float, float], angle: float, length: i
         light=light,
         shade=(dark + float(picture.levels[4]), dark),
         misfit=picture.misfit,
+        groove=0.0,
     )

@@ -70,6 +70,10 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
+MAX_GROOVE = 0.2
+"""Depth of a groove along the yarn, over the profile's range, from which on there are two yarns. Rendered single
+ones in any light have at most 0.05, two of about one brightness that touch or overlap 0.3 and more; a fainter one makes
+the profile unlike that of a round body."""
 MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.85, 0.7
 """Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
 round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
@@ -410,6 +414,8 @@ def _doubt(axis: YarnAxis) -> str:
         if angle > 90:  # more than a lamp in front of the yarn can do
             return "one of the edges hardly stands out from the background"
         return f"the light comes from {angle:.0f}° beside the camera: the far edge is in the dark"
+    if axis.groove > MAX_GROOVE:
+        return f"a groove, {100 * axis.groove:.0f} % deep, runs along the yarn: something else lies beside it"
     if axis.misfit > MAX_MISFIT:
         return f"the profile is not that of a round body: {100 * axis.misfit:.0f} % of its height is left unexplained"
     return ""
