@@ -139,15 +139,16 @@ def best(work: Callable[[], object], count: int) -> tuple[float, float]:
 STEPS = (
     (cine_steps.CineFrames, "frame", "read"),
     (axis_steps, "find_line", "search the frame"),
-    (axis_steps, "align", "cut, align"),
-    (axis_steps, "fit_profile", "diameter"),
-    (axis_steps, "fit_lit", "diameter with shadow"),
+    (axis_steps, "_measure", "cut, align, diameter"),
     (twist_steps, "halved", "unroll"),
     (twist_steps, "_spectra", "transform"),
     (twist_steps, "_ridge", "correlation, sums"),
     (yarn_steps, "_saturated", "saturation"),
     (yarn_steps, "hairiness", "hairs"),
     (yarn_steps, "helix_turn", "turn of the helix"),
+    (yarn_steps, "face", "scatter of the fibres"),
+    (yarn_steps, "recurrence", "a full turn"),
+    (yarn_steps, "find_scallops", "outline"),
 )
 
 

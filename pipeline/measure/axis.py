@@ -29,11 +29,13 @@ from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, align, 
 from pipeline.measure.edges import bands
 from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.lit import NO_BODY, NOT_FITTED, LitProfile, bright_side, fit_lit, scaled, side_starts
-from pipeline.measure.profile import fit_profile
+from pipeline.measure.profile import fit_profile, groove
 from pipeline.records import Array
 
 REDUCTION = 4
 """Step of the reduced frame that the yarn is looked for in [px]."""
+SMALLEST = 4 * REDUCTION
+"""Least side of a frame that a yarn is looked for in [px]."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
 MIN_PIXELS = 12
@@ -89,9 +91,11 @@ class YarnAxis(NamedTuple):
     """Level of the surface that faces the lamp, and in the shadow, texture aside [counts]; see `lit.py`."""
     misfit: float
     """Root mean square of what the profile's fit leaves, over the profile's range."""
+    groove: float
+    """Depth of the deepest groove along it, inside or beside, over the profile's range: two yarns have one."""
 
 
-NO_YARN = YarnAxis((0.0, 0.0), 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0)
+NO_YARN = YarnAxis((0.0, 0.0), 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 0.0)
 
 
 def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis | None:
@@ -112,6 +116,8 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
             and abs(math.remainder(axis.angle - before.angle, math.pi)) <= SAME_DIRECTION
         ):
             return axis
+    if min(image.shape) < SMALLEST:
+        return None
     line = find_line(image)
     axis = NO_YARN if line is None else _measure(image, *line, 1.0, 0.0, 0.0)
     if axis.diameter and axis.misfit <= MAX_MISFIT:
@@ -161,6 +167,7 @@ def _measure(
     half, length, agreement = registered.profile.size // 2, found.length, aligned.registered.agreement
     first, last = registered.beside
     dark = first + (last - first) * (body.offset + half) / (2 * half)
+    depth = groove(registered.profile, body.offset, body.radius)
     body = scaled(body, found.step)
     offset, radius = body.offset, body.radius
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * found.step < radius + 2:
@@ -171,7 +178,8 @@ def _measure(
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
         lean, light = -lean, -light
     shade = (dark + body.ambient + lamp, dark + body.ambient)
-    return YarnAxis((x, y), angle % math.pi, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit)
+    angle %= math.pi
+    return YarnAxis((x, y), angle, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit, depth)
 
 
 @inner
@@ -378,7 +386,7 @@ def _deviation(image: Image) -> Image:
 
 def find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
     """Return a point (x, y), the angle and the half width of the largest elongated thing, good to about a pixel."""
-    if min(image.shape) < 4 * REDUCTION:
+    if min(image.shape) < SMALLEST:
         return None
     small = _reduced(image)
     deviation = _deviation(small)

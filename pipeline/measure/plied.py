@@ -2,8 +2,11 @@
 
 One lit cylinder, which `axis.py` fits, finds neither the circle around the strands nor its mean silhouette, and less
 than a turn in view tilts it. So the yarn is straightened along the largest elongated thing or along what `axis.py`
-found, and the picture of n strands (`strands.py`) is fitted to the strip (`strands_fit.py`). Here it is decided whether
-that fit is credible, and which hand the yarn has: where the picture cannot tell, `pitch.py` must.
+found, and the picture of n strands (`strands.py`) is fitted to the strip (`strands_fit.py`). The outline must have the
+period of n strands (`outline.py`), which says from which twist the fit starts; what is inclined on the face says of
+which hand: strands that differ, or show their fibres, are no picture of strands, and another count or the other hand
+may fit as well. Where the face tells no hand the picture must, or `pitch.py`; where too few strands are in view for a
+period of the outline, the picture must explain more. Here it is decided whether the fit is credible.
 
 The diameter is that of this geometry. Strands that are flattened where they touch have a smaller circle than r says.
 """
@@ -11,18 +14,22 @@ The diameter is that of this geometry. Strands that are flattened where they tou
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from pipeline.measure.axis import YarnAxis, find_line, straighten
 from pipeline.measure.lines import Image, Pixels, span
+from pipeline.measure.outline import MIN_PERIODS as MIN_SCALLOPS
+from pipeline.measure.outline import MIN_SHARE, outline, scallops, why_not_of
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.strands import mean_width
 from pipeline.measure.strands_fit import MIN_PERIODS, Picture, best_fit, fit
-from pipeline.measure.twist import FrameTwist
+from pipeline.measure.twist import FrameTwist, strand_slope
 
 ALIGNED = 1.0
 """Tilt over the length from which the strip is cut anew [px]."""
-MIN_EXPLAINED = 0.5
-"""Share of what varies along the yarn, noise apart, that the picture explains."""
-MIN_SHARE = 0.8
+MIN_EXPLAINED, MIN_EXPLAINED_ALONE = 0.2, 0.5
+"""Share of what varies along the yarn, noise apart, that the picture explains: with the outline's period, without."""
+MIN_FOLLOWING = 0.8
 """Share of the pixels that follow the picture."""
 MAX_BLUR = 0.45
 """Blur over a strand's radius from which its edge is not seen."""
@@ -67,8 +74,9 @@ def plied_yarn(image: Image | Pixels, axis: YarnAxis, plies: int, before: Pictur
     given = *axis.centre, axis.angle, axis.diameter / 2
     line = find_line(image)
     doubt = ""
+    slope = strand_slope(image, axis)
     for start in (given,) if line is None else (line, given):
-        found = _follow(image, start, plies, before)
+        found = _follow(image, start, plies, before, axis.blur, slope)
         if isinstance(found, YarnFound):
             return found
         doubt = doubt or found
@@ -88,21 +96,35 @@ def followed_plied(image: Image | Pixels, axis: YarnAxis, plies: int, before: Pi
     plies, before : see `plied_yarn`.
     """
     width = mean_width(plies) * math.exp(before.at[2]) / 2
-    found = _follow(image, (*axis.centre, axis.angle, width), plies, before)
+    start, slope = (*axis.centre, axis.angle, width), strand_slope(image, axis)
+    found = _follow(image, start, plies, before, axis.blur, slope)
     return found if isinstance(found, YarnFound) else None
 
 
 def _follow(
-    image: Image | Pixels, line: tuple[float, float, float, float], plies: int, before: Picture | None
+    image: Image | Pixels,
+    line: tuple[float, float, float, float],
+    plies: int,
+    before: Picture | None,
+    blur: float,
+    slope: float,
 ) -> YarnFound | str:
-    """Fit the strands along a line (a point x, y, the angle, half the silhouette's width), or say why they do not."""
+    """Fit the strands along a line (a point x, y, the angle, half the silhouette's width), or say why they do not.
+
+    `blur` [px] is about that of the edges; for `slope` see `strand_slope`.
+    """
     x, y, angle, width = line
     centre, half, length = _cut(image, x, y, angle, width)
     if length < 2 * width:
         return "less of the yarn is in view than it is wide"
     strip = straighten(image, centre, angle, half, length)
-    picture = best_fit(strip, plies, width, before)
-    reason = _doubt(picture, plies, length)
+    seen = scallops(outline(strip, width), width, blur)
+    unlike = why_not_of(seen, plies, slope)
+    if seen is not None and unlike and seen.share >= MIN_SHARE:
+        return unlike
+    period = seen.frequency / plies if seen is not None and not unlike else None
+    picture = best_fit(strip, plies, width, before, period, int(np.sign(slope)))
+    reason = _doubt(picture, plies, length, unlike)
     if not reason and abs(picture.at[1]) * length > ALIGNED:
         (x, y), angle = _moved(picture, centre, angle)
         first = centre
@@ -113,7 +135,7 @@ def _follow(
         at[3] += 2 * math.pi * at[4] * along
         strip = straighten(image, centre, angle, half, max(length, 1))
         picture = replace(fit(strip, plies, at, picture.levels, picture.computed), other=picture.other)
-        reason = _doubt(picture, plies, length)
+        reason = _doubt(picture, plies, length, unlike)
     if reason:
         return reason
     axis = _axis(picture, *_moved(picture, centre, angle), length, plies)
@@ -143,24 +165,26 @@ def _moved(picture: Picture, centre: tuple[float, float], angle: float) -> tuple
     return (centre[0] + offset * math.sin(angle), centre[1] + offset * math.cos(angle)), angle
 
 
-def _doubt(picture: Picture, plies: int, length: int) -> str:
-    """Say why a picture is not credible; empty where it is."""
+def _doubt(picture: Picture, plies: int, length: int, unlike: str) -> str:
+    """Say why a picture is not credible; empty where it is. `unlike` says why the outline is not that of strands."""
     if math.isnan(picture.u_radius):
         return "the strands' picture does not settle"
     periods = plies * abs(float(picture.at[4])) * length
     blur = math.exp(picture.at[5] - picture.at[2])
+    explained = MIN_EXPLAINED_ALONE if unlike else MIN_EXPLAINED
     for refused, why in (
+        (periods >= MIN_SCALLOPS and unlike, unlike),
         (
             periods < MIN_PERIODS,
             f"{periods:.2f} periods of the strands are in view: at least {MIN_PERIODS:g} is needed",
         ),
         (
-            picture.explained < MIN_EXPLAINED,
-            f"strands explain {picture.explained:.2f} of what varies along the yarn: {MIN_EXPLAINED} is needed",
+            picture.explained < explained,
+            f"strands explain {picture.explained:.2f} of what varies along the yarn: {explained} is needed",
         ),
         (
-            picture.share < MIN_SHARE,
-            f"{100 * picture.share:.0f} % of the pixels follow the strands: {100 * MIN_SHARE:.0f} % is needed",
+            picture.share < MIN_FOLLOWING,
+            f"{100 * picture.share:.0f} % of the pixels follow the strands: {100 * MIN_FOLLOWING:.0f} % is needed",
         ),
         (blur > MAX_BLUR, f"the edges are blurred over {blur:.2f} of a strand's radius: {MAX_BLUR} is too much"),
         (picture.u_radius > MAX_U, "the strands' edges hardly stand out from the background"),
@@ -186,4 +210,5 @@ def _axis(picture: Picture, centre: tuple[float, float], angle: float, length: i
         light=light,
         shade=(dark + float(picture.levels[4]), dark),
         misfit=picture.misfit,
+        groove=0.0,
     )

@@ -23,6 +23,8 @@ SETTLED = 0.02
 """Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
 INNER = 0.5
 """Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
+INSIDE = 0.8
+"""Share of the radius inside of which a body's edges do not show."""
 FINE = 0.9
 """Nodes of the integral over γ for each standard deviation of the blur on the surface that faces the camera."""
 SHARPER = 0.8
@@ -59,6 +61,47 @@ def middle(profile: Array) -> float:
         first -= (height[i] - 1) / (height[i] - height[i - 1])
         last += (height[j] - 1) / (height[j] - height[j + 1])
     return (first + last - (profile.size - 1)) / 2
+
+
+@inner
+def groove(profile: Array, offset: float, radius: float) -> float:
+    """Return how deep a groove a body has inside or beside it, over the profile's range.
+
+    Inside of a body light from one side, or from behind, leaves at most a shallow one, and beside it there is the
+    ground. Two bodies have a deep one between them, whether both were taken for one or not.
+
+    Parameters
+    ----------
+    profile : shape (2h + 1,).
+    offset, radius : of the body, from the middle row [rows].
+    """
+    middle, size = profile.size // 2 + offset, profile.size
+    first, past = max(0, math.ceil(middle - INSIDE * radius)), min(size, math.floor(middle + INSIDE * radius) + 1)
+    top, bottom = max(0, math.ceil(middle - radius)), min(size, math.floor(middle + radius) + 1)
+    if past - first < 3:
+        return 0.0
+    first_end, last_end = background(profile)
+    above = 2 * profile[first:past].mean() > first_end + last_end
+    beside = profile if above else -profile
+    deepest = max(_rise(beside[bottom:]), _rise(beside[:top][::-1]))
+    inside, left = profile[first:past], profile[first]
+    right = inside.copy()
+    for i in range(inside.size - 2, -1, -1):
+        right[i] = max(right[i], right[i + 1])
+    for i in range(inside.size):
+        left = max(left, inside[i])
+        deepest = max(deepest, min(left, right[i]) - inside[i])
+    return deepest / max(profile.max() - profile.min(), 1e-9)
+
+
+@inner
+def _rise(levels: Array) -> float:
+    """Return by how much levels rise again, at most."""
+    lowest, rise = math.inf, 0.0
+    for level in levels:
+        lowest = min(lowest, level)
+        rise = max(rise, level - lowest)
+    return rise
 
 
 @inner

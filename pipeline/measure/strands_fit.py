@@ -74,18 +74,33 @@ class Picture:
     u_radius: float
     """Formal relative uncertainty of r; NaN where the fit did not settle."""
     other: float = math.nan
-    """`squares` of the best picture of the other hand, in the last frame in which it was looked for."""
+    """`squares` of the best picture of the other hand, in the last frame in which it was looked for; infinite where the
+    hand was known."""
     computed: Pictures | None = None
     """The pictures that the fit ended with: the next frame's need not be computed anew if they are near."""
 
 
-def best_fit(strip: Image, plies: int, width: float, before: Picture | None) -> Picture:
-    """Fit a strip from where the frame before was, if that still explains it, else from a scan of both hands."""
+def best_fit(
+    strip: Image, plies: int, width: float, before: Picture | None, twist: float | None = None, hand: int = 0
+) -> Picture:
+    """Fit a strip from where the frame before was, if that still explains it, else from a scan.
+
+    Parameters
+    ----------
+    strip : shape (2h + 1, length).
+    plies : strands n, at least 2.
+    width : half the silhouette's width, about [px].
+    before : the picture in the frame before.
+    twist : without its sign, about [1/px]; without it all are scanned that strands can have.
+    hand : 1 for Z, -1 for S; without it both are fitted.
+    """
     radius = 2 * width / mean_width(plies)
     length = strip.shape[1]
     fastest = SLOPES[1] / (math.pi * radius * (1 + 1 / math.sin(math.pi / plies)))
     twists = np.arange(MIN_PERIODS, max(fastest * plies * length, MIN_PERIODS + 1), FINENESS) / (plies * length)
-    if before is not None:
+    if twist is not None:
+        twists = twist + FINENESS / (plies * length) * np.arange(-2.0, 3.0)
+    if before is not None and hand * float(before.at[4]) >= 0:
         last = float(before.at[4])
         near = twists[np.abs(twists - abs(last)) <= max(CHANGE * abs(last), 2 * FINENESS / (plies * length))]
         if near.size:
@@ -95,10 +110,11 @@ def best_fit(strip: Image, plies: int, width: float, before: Picture | None) -> 
             at[5] = before.at[5]
             same = fit(strip, plies, at, levels, before.computed)
             if same.squares <= AS_BEFORE**2 * before.squares:
-                return replace(same, other=before.other)
-    found = [fit(strip, plies, *_start(strip, plies, radius, sign * twists, LIGHTS, SCALES)) for sign in (1, -1)]
+                return replace(same, other=math.inf if hand else before.other)
+    hands = (hand,) if hand else (1, -1)
+    found = [fit(strip, plies, *_start(strip, plies, radius, sign * twists, LIGHTS, SCALES)) for sign in hands]
     found.sort(key=lambda picture: picture.squares)
-    return replace(found[0], other=found[1].squares)
+    return replace(found[0], other=math.inf if hand else found[1].squares)
 
 
 def _start(

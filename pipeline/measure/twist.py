@@ -50,6 +50,8 @@ MAX_BLUR_PX = 2.6
 MIN_TURNS = 0.1
 MIN_COHERENCE = 0.2
 MIN_CONTRAST = 0.5
+MIN_HAND = 0.15
+"""Least contrast of a slope to tell the hand of a plied yarn."""
 WIDEST = 0.8
 """Largest |w|/R used: further out the fibres lie too close to be told apart."""
 SLOPES = np.geomspace(0.04, 2.0, 72)
@@ -95,13 +97,7 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     if axis.blur > limit:
         found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
-    # fibres are longer than wide: half as many places along the axis will do
-    texture, step = halved(image, axis), 2 / step_across(axis.angle)
-    farthest = GRID * min(round(FARTHEST * axis.diameter / step / GRID), texture.shape[1] // (2 * GRID))
-    lags = _lags(max(farthest, NEAREST + 1))
-    spectra = _spectra(texture, lags)
-    harmonics = _harmonics(spectra.shape[1], int(lags[-1]))
-    slope, contrast, coherence = _ridge(texture, spectra, *harmonics, lags, step)
+    texture, slope, contrast, coherence = _strongest(image, axis)
     if not slope:
         found = "no inclined fibres stand out" if np.any(texture) else "the yarn shows no texture"
         return FrameTwist(math.nan, 0.0, 0.0, found)
@@ -119,6 +115,29 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, coherence, contrast, reason)
 
 
+def strand_slope(image: Image | Pixels, axis: YarnAxis) -> float:
+    """Return the twist of lines on the cylinder as steep as what stands out on the face [1/px]; 0 where nothing does.
+
+    Of plied yarn, whose strands and the grooves between them are inclined as fibres are. They are no lines on the
+    cylinder (`outline.py` says by how much), but of the same hand.
+    """
+    _, slope, contrast, _ = _strongest(image, axis)
+    return slope / (math.pi * axis.diameter) if contrast >= MIN_HAND else 0.0
+
+
+def _strongest(image: Image | Pixels, axis: YarnAxis) -> tuple[Image, float, float, float]:
+    """Return the unrolled surface and the slope tan β that stands out most there, its contrast and its coherence."""
+    # fibres are longer than wide: half as many places along the axis will do
+    texture, step = halved(image, axis), 2 / step_across(axis.angle)
+    farthest = GRID * min(round(FARTHEST * axis.diameter / step / GRID), texture.shape[1] // (2 * GRID))
+    lags = _lags(max(farthest, NEAREST + 1))
+    if lags[-1] >= texture.shape[1]:
+        return texture, 0.0, 0.0, 0.0
+    spectra = _spectra(texture, lags)
+    harmonics = _harmonics(spectra.shape[1], int(lags[-1]))
+    return texture, *_ridge(texture, spectra, *harmonics, lags, step)
+
+
 @compiled
 def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     """Resample the face of the yarn on its unrolled surface.
@@ -133,7 +152,9 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
     gamma = np.arange(-count, count + 1) / radius
     bright = level(gamma, axis.light, axis.shade)
-    across = places_of(gamma[bright >= DARKEST * bright.max()], radius, axis.blur, axis.light, axis.shade)
+    # where a lamp's share is fitted below 0, as strands let it, the level may be so everywhere
+    seen = bright >= min(DARKEST * bright.max(), bright.max())
+    across = places_of(gamma[seen], radius, axis.blur, axis.light, axis.shade)
     count = max(1, math.floor(axis.length * step_across(axis.angle)))
     texture = unrolled(image, axis.centre[0], axis.centre[1], axis.angle, across, count)
     _flatten(texture)

@@ -39,13 +39,14 @@ from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
+from pipeline.measure.outline import find_scallops, strands_seen
 from pipeline.measure.plied import YarnFound, followed_plied, plied_yarn
 from pipeline.measure.recurrence import Recurrence, recurrence
 from pipeline.measure.rotation import helix_turn
 from pipeline.measure.scatter import Face, face
 from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
-from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
+from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, strand_slope, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
 
@@ -69,6 +70,10 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
+MAX_GROOVE = 0.2
+"""Depth of a groove along the yarn, over the profile's range, from which on there are two yarns. Rendered single
+ones in any light have at most 0.05, two of about one brightness that touch or overlap 0.3 and more; a fainter one makes
+the profile unlike that of a round body."""
 MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.85, 0.7
 """Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
 round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
@@ -109,6 +114,9 @@ class _Frame:
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
     """The frame for the contact sheet, where it is to be there."""
+    strands: int | None = None
+    """Count of the strands that the outline of what was measured as a single yarn tells, 0 for none; None where not
+    looked at."""
 
 
 class _Clip:
@@ -122,6 +130,7 @@ class _Clip:
         self.images: dict[int, NDArray[np.uint8]] = {}
         self.misfits: list[float] = []
         self.faces: list[tuple[Face, Recurrence | None]] = []
+        self.strands: list[int] = []
 
     def put(self, i: int, found: _Frame) -> None:
         """Take over frame i."""
@@ -133,6 +142,8 @@ class _Clip:
         self.hairs[i], self.turn[i] = found.hairs, found.turn
         if found.face is not None:
             self.faces.append(found.face)
+        if found.strands is not None:
+            self.strands.append(found.strands)
         if found.doubt:
             self.doubts[found.doubt] += 1
         else:
@@ -151,13 +162,28 @@ class _Clip:
             self.diameter[:] = math.nan
             self.flag[seen] |= np.uint16(FrameFlag.DIAMETER_NOT_CREDIBLE)
 
+    def refuse_plied(self) -> None:
+        """Leave neither diameter nor twist of a yarn that was measured as a single one and has a plied one's outline.
+
+        Its strands' slope is no single yarn's twist, and its outline is not that of one cylinder.
+        """
+        plied = [count for count in self.strands if count]
+        if 2 * len(plied) <= len(self.strands):
+            return
+        seen = np.isfinite(self.angle)
+        count, _ = Counter(plied).most_common(1)[0]
+        why = f"the outline is that of a plied yarn, of {count} strands as it seems"
+        self.twist[:], self.diameter[:] = math.nan, math.nan
+        self.flag[seen] |= np.uint16(FrameFlag.DIAMETER_NOT_CREDIBLE)
+        self.reasons, self.doubts = (Counter({why: int(np.count_nonzero(seen))}) for _ in range(2))
+
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
     """What is looked at in some frames of a chunk only, by their places in it."""
 
     shots: set[int]
-    """Those that go on the contact sheet."""
+    """Those that go on the contact sheet, and whose outline is looked at."""
     counted: set[int]
     """Those whose hairs are counted."""
     unrolled: set[int]
@@ -200,6 +226,7 @@ def measure_yarn(
     for i, frame in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
         found.put(i, frame)
     found.drop_chance_diameters()
+    found.refuse_plied()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
     whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method)
     if whole.other_hand:
@@ -387,6 +414,8 @@ def _doubt(axis: YarnAxis) -> str:
         if angle > 90:  # more than a lamp in front of the yarn can do
             return "one of the edges hardly stands out from the background"
         return f"the light comes from {angle:.0f}° beside the camera: the far edge is in the dark"
+    if axis.groove > MAX_GROOVE:
+        return f"a groove, {100 * axis.groove:.0f} % deep, runs along the yarn: something else lies beside it"
     if axis.misfit > MAX_MISFIT:
         return f"the profile is not that of a round body: {100 * axis.misfit:.0f} % of its height is left unexplained"
     return ""
@@ -433,8 +462,11 @@ def _measure_chunk(
         if method == "surface" and i in wanted.unrolled and math.isfinite(twist.per_pixel):
             seen_face = face(frame, axis)
             surface = seen_face, recurrence(seen_face, twist.per_pixel)
-        reduced = _reduced(frame) if i in wanted.shots else None
-        found.append(_Frame(flag, axis, twist, crossings, face=surface, doubt=doubt, reduced=reduced))
+        reduced, strands = None, None
+        if i in wanted.shots:
+            reduced = _reduced(frame)
+            strands = None if method == "ply" else strands_seen(find_scallops(frame, axis), strand_slope(frame, axis))
+        found.append(_Frame(flag, axis, twist, crossings, face=surface, doubt=doubt, reduced=reduced, strands=strands))
     return found
 
 

@@ -143,6 +143,13 @@ def test_noise_is_no_yarn():
     assert np.all(measured(images, 32).flag == FrameFlag.NO_YARN)
 
 
+@pytest.mark.parametrize("shape", [(1, 1), (1, 400), (300, 2)])
+def test_a_frame_too_small_for_a_yarn_shows_none(shape):
+    m = measure_yarn(clip([np.full(shape, 500, np.uint16)] * 2), Scale(1.0, 0.0), cylinder_axis=None)
+    assert np.all(m.flag & FrameFlag.NO_YARN)
+    assert np.all(np.isnan(m.diameter))
+
+
 def test_angles_near_the_wrap_average_to_the_wrap():
     m = measured(yarn(9, diameter=32, twist=1000, angles=[-3, 3, -2, 2]), 32)
     mean = math.degrees(m.summary["axis_angle"].mean)
