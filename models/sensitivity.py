@@ -101,13 +101,12 @@ def _collocated(
 def _flexible(scene: Scene, vector: Array, found: Refined) -> dict[str, Ends]:
     x = np.append(found.fields[0], found.w)
     integration = chebyshev_integration(found.degree)
-    matrix = flexible.jacobian_matrix(flexible.Flexible(vector, integration * (scene.wrap_angle / 2)), x)
+    _, matrix = evaluated(flexible.Flexible(vector, integration * (scene.wrap_angle / 2)), x)
     result: dict[str, Ends] = {}
     for name, (step, inputs, numbers) in _moved(scene).items():
         problem = flexible.Flexible(numbers, integration * (numbers[WRAP_ANGLE] / 2))
-        residual: Complex = flexible.values(problem, x.astype(np.complex128))[0]
-        direction = np.asarray(-np.linalg.solve(matrix, residual.imag / COMPLEX_STEP), dtype=np.float64)
+        direction = np.asarray(-np.linalg.solve(matrix, parameter_slopes(problem, x)), dtype=np.float64)
         moved = x + 1j * COMPLEX_STEP * direction
-        _, log_p, tau = flexible.values(problem, moved)
+        log_p, tau = flexible.at_B(problem, moved)
         result[name] = _ends(inputs, flexible.ends(numbers[TENSION_CD], moved[0], log_p, tau), step)
     return result
