@@ -47,7 +47,7 @@ def compiled(function: Function) -> Function:
 
 
 class _Part:
-    """What `inner` and `merged` make. Called from elsewhere than compiled code it runs as plain Python."""
+    """A part of compiled code. Called from elsewhere it runs as plain Python."""
 
     def __init__(self, function: Callable[..., Any], settings: dict[str, Any]):
         self.function, self.compiled = function, numba.njit(**settings)(function)
@@ -69,6 +69,16 @@ def inner(function: Function) -> Function:
 def merged(function: Function) -> Function:
     """Compile as a part of the loops that call it: without a call between them they can become vector instructions."""
     return cast(Function, _Part(function, {**PART, "forceinline": True}))
+
+
+def summing(function: Function) -> Function:
+    """Compile as `inner`, for sums whose terms may be added up in any order: only those become vector instructions."""
+    return cast(Function, _Part(function, {**PART, "fastmath": {"reassoc"}}))
+
+
+def spliced(function: Function) -> Function:
+    """Compile in the place of each call, for thin layers: apart, each costs the compile time of all that it calls."""
+    return cast(Function, numba.njit(error_model="numpy", inline="always")(function))
 
 
 def implement(

@@ -166,6 +166,45 @@ def predict(
     return 1 if failed else 0
 
 
+@app.command(epilog="Example: yarnval calibrate data_samples/yin2020 --fit lAB_over_lCD --model cosserat")
+def calibrate(
+    study: Annotated[Path, typer.Argument(help="A study folder.", metavar="STUDY")],
+    fit: Annotated[str, typer.Option(help="Parameters, separated by commas: k, eta, mu, lAB_over_lCD.")] = "k,eta",
+    model: Annotated[str, typer.Option(help="The model that is fitted.")] = "cosserat",
+    as_json: Json = False,
+) -> int:
+    """Fit parameters of a model to a study's measurements, with leave-one-case-out errors; changes no file.
+
+    Exit 1 if a fit failed.
+    """
+    from models.solve import MODELS
+    from pipeline.calibrate import PARAMETERS, document, told
+    from pipeline.calibrate import calibrate as fitted
+    from pipeline.case import find_studies, load_study
+    from pipeline.run import measure as measured
+
+    names = [name.strip() for name in fit.split(",") if name.strip()]
+    for name in names:
+        refuse_unknown("--fit", "parameter", name, list(PARAMETERS))
+    if not names or len(set(names)) < len(names):
+        raise InputError("--fit", f"found '{fit}'", f"name each parameter once; known: {', '.join(PARAMETERS)}")
+    # `auto` takes one model for one scene and another for the next: nothing that could be fitted
+    refuse_unknown("--model", "model", model, [name for name in MODELS if name != "auto"])
+    folder, *others = find_studies([study])
+    if others:
+        raise InputError(study, f"{1 + len(others)} studies", "name one of them")
+    given = load_study(folder)
+    with _status(f"fitting {', '.join(names)} to {given.name}"):
+        found = fitted(given, [measured(case) for case in given.cases], model, names)
+    if as_json:
+        _print_json(document(found))
+    else:
+        print(told(found))
+    for line in found.failures:
+        print(f"{study}: {line}", file=sys.stderr)
+    return 1 if found.failures else 0
+
+
 @app.command(epilog="Example: yarnval sweep data_samples/sweeps/yin2020_section3.toml --out reports")
 def sweep(
     file: Annotated[Path, typer.Argument(help="SWEEP.toml.", metavar="SWEEP.toml")],

@@ -10,7 +10,9 @@ P10 holds 12 bits in 10 by the camera's fixed table of 1024 levels (`p10_lut.csv
 (MIT, src/LUT.jl). In it black lies at 64 and white at 4064.
 """
 
+import os
 import struct
+import weakref
 from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
@@ -34,6 +36,8 @@ MARK_LENGTH = 140
 FLIP_H, FLIP_V, FRAME_RATE, CFA, ROTATE, REAL_BPP = 756, 760, 768, 808, 884, 896
 
 TIME_TAG = 1002
+MIN_ANNOTATION = 8
+"""Bytes before a frame's image, at least."""
 UNCOMPRESSED, P10, P12L = 0, 256, 1024
 PACKED_BITS = {P10: 10, P12L: 12}
 NAMES = {P10: "P10", P12L: "P12L"}
@@ -49,29 +53,17 @@ class CineFrames:
         self._path, self._offsets, self._shape = path, offsets, shape
         self._bit_count, self._packing = bit_count, packing
         self._size = shape[0] * shape[1] * PACKED_BITS.get(packing, bit_count) // 8
+        self._annotation = MIN_ANNOTATION
+        self._file = path.open("rb", buffering=0)
+        self._end = os.fstat(self._file.fileno()).st_size
+        weakref.finalize(self, self._file.close)
 
     def __len__(self) -> int:
         return len(self._offsets)
 
     def frame(self, index: int) -> Pixels:
         """Frame `index`, shape (rows, columns), rows top-down; `InputError` if it is cut short or damaged."""
-        start = int(self._offsets[index])
-        with self._path.open("rb") as file:
-            end = file.seek(0, 2)
-            if start + 8 > end:
-                raise frame_error(self._path, index, "cut off: the file ends before it")
-            file.seek(start)
-            # A frame starts with its annotation, whose first word is its length and whose last word is the image's.
-            (annotation,) = struct.unpack("<I", file.read(4))
-            if annotation < 8 or start + annotation > end:
-                raise frame_error(self._path, index, f"a frame header of {annotation} bytes")
-            file.seek(start + annotation - 4)
-            (size,) = struct.unpack("<I", file.read(4))
-            if size != self._size:
-                raise frame_error(self._path, index, f"{size} bytes where the image size needs {self._size}")
-            data = read_pixels(file, size)
-        if len(data) < size:
-            raise frame_error(self._path, index, f"cut short: {len(data)} of {size} bytes")
+        data = self._pixels(index)
         if self._packing == P12L:
             return unpack_12(data).reshape(self._shape)
         if self._packing == P10:
@@ -79,6 +71,32 @@ class CineFrames:
         # Uncompressed rows are stored bottom-up, as in every Windows bitmap; packed ones top-down.
         _turn_over(data.reshape(self._shape[0], -1))
         return data.view("u1" if self._bit_count == 8 else "<u2").reshape(self._shape)
+
+    def _pixels(self, index: int) -> NDArray[np.uint8]:
+        """The bytes of a frame's image."""
+        start = int(self._offsets[index])
+        if start + MIN_ANNOTATION > self._end:
+            raise frame_error(self._path, index, "cut off: the file ends before it")
+        # A frame starts with its annotation, whose first word is its length and whose last word is the image's. Both
+        # are read at once, as if it were as long as the last one: each call of the system costs time.
+        data = self._read(start)
+        annotation = int.from_bytes(data[:4].tobytes(), "little")
+        if annotation < MIN_ANNOTATION or start + annotation > self._end:
+            raise frame_error(self._path, index, f"a frame header of {annotation} bytes")
+        if annotation != self._annotation:
+            self._annotation = annotation
+            data = self._read(start)
+        size = int.from_bytes(data[annotation - 4 : annotation].tobytes(), "little")
+        data = data[annotation:]
+        if size != self._size:
+            raise frame_error(self._path, index, f"{size} bytes where the image size needs {self._size}")
+        if len(data) < size:
+            raise frame_error(self._path, index, f"cut short: {len(data)} of {size} bytes")
+        return data if annotation % 2 == 0 else data.copy()  # pixels of two bytes stand at even places
+
+    def _read(self, start: int) -> NDArray[np.uint8]:
+        self._file.seek(start)
+        return read_pixels(self._file, self._annotation + self._size)
 
 
 @compiled

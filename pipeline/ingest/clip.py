@@ -3,8 +3,8 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,10 +44,10 @@ def frame_error(path: Path, index: int, found: str) -> InputError:
     return InputError(f"{path}: frame {index}", found, "copy the clip again from the camera, or go without this frame")
 
 
-def read_pixels(file: BinaryIO, size: int) -> NDArray[np.uint8]:
+def read_pixels(file: FileIO, size: int) -> NDArray[np.uint8]:
     """Read `size` bytes from where a file stands, or those that are left, without a copy between file and array."""
     data = np.empty(size, np.uint8)
-    return data[: file.readinto(data)]  # pyright: ignore[reportAttributeAccessIssue]
+    return data[: file.readinto(data.data)]
 
 
 def as_gray(image: NDArray[np.generic], where: str | Path) -> Pixels:

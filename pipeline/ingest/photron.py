@@ -55,7 +55,7 @@ class MrawFrames:
 
     def frame(self, index: int) -> Pixels:
         """Frame `index`, shape (rows, columns), rows top-down; `InputError` if it is cut short."""
-        with self._path.open("rb") as file:
+        with self._path.open("rb", buffering=0) as file:
             file.seek(index * self._size)
             data = read_pixels(file, self._size)
         if len(data) < self._size:

@@ -8,11 +8,7 @@ first, as long as what is then found is the same yarn: only a strip around the y
    only, because the slanted ends where the frame cuts the yarn would turn the line. Where that is no yarn (a broad
    cylinder behind it, a second thing, a background as bright as the yarn), the bands between two opposite straight
    edges are tried (`edges.py`).
-2. *Align.* The yarn is cut along the line (`lines.py`). The mean cross profile p(w) is held against each short block of
-   it: I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade,
-   IJCAI 1981, with gain and offset). p′ is large at the two edges only, so δ is the mean of both edges' sub-pixel
-   positions and texture hardly enters. A robust line through δ corrects the axis; blocks with a hair or a second
-   object drop out.
+2. *Align.* The line is turned and moved until it runs along the yarn (`align.py`).
 3. *Diameter.* A lit cylinder is darker towards its edges, so the width at half of its peak is too small (13 % for
    Lambert's law from the front). The edge is half way between the background and the body *at the edge*: the profile
    is fitted with a body of radius R whose brightness is a combination of 1, sinγ and cosγ (w = R sinγ: ambient light
@@ -22,39 +18,26 @@ first, as long as what is then found is the same yarn: only a strip around the y
 
 import math
 import threading
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from models.compiled import compiled, inner
+from models.compiled import compiled, inner, spliced
 from models.newton import lu_factor, lu_solve
+from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, align, cut, register, upper_median
 from pipeline.measure.edges import bands
-from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
-from pipeline.measure.lit import NO_BODY, LitProfile, bright_side, fit_lit, side_starts
-from pipeline.measure.profile import fit_profile, middle, quadrature, weights
+from pipeline.measure.lines import Image, Pixels, span
+from pipeline.measure.lit import NO_BODY, NOT_FITTED, LitProfile, bright_side, fit_lit, scaled, side_starts
+from pipeline.measure.profile import fit_profile
 from pipeline.records import Array
 
 REDUCTION = 4
 """Step of the reduced frame that the yarn is looked for in [px]."""
-BLOCK = 8
-"""Lines whose shift is found at once."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
 MIN_PIXELS = 12
 """Fewest pixels of the reduced frame that a line is fitted to."""
-FEWEST = 4
-"""Fewest blocks of a cut."""
-MIN_ASPECT = 2.0
-"""Length in view over diameter below which a thing has no axis."""
-ALIGNED = 1.0
-"""Tilt over the length in view up to which a strip counts as aligned [px]: it is corrected for, and blurs the profile
-by less than the optics."""
-CENTRED = 2.0
-"""Distance of the yarn from a strip's middle up to which it counts as centred [px]; the profile's fit does the
-rest."""
-ROUNDS = 6
-"""Largest number of strips cut to align one."""
 NEAR = 4
 """Distance from a strip within which interpolation uses pixels [px]: 2 for the bicubic one, and some."""
 SAME_DIAMETER = 0.05
@@ -83,8 +66,7 @@ NO_MISFIT = 0.01
 """Misfit of the profile up to which its fit is as good as texture lets it be."""
 
 
-@dataclass(frozen=True, slots=True)
-class YarnAxis:
+class YarnAxis(NamedTuple):
     """Where the yarn is in a frame, in pixels of the frame, pixel centres at whole numbers."""
 
     centre: tuple[float, float]
@@ -109,6 +91,9 @@ class YarnAxis:
     """Root mean square of what the profile's fit leaves, over the profile's range."""
 
 
+NO_YARN = YarnAxis((0.0, 0.0), 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0)
+
+
 def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis | None:
     """Find the yarn in a frame, or None where there is none.
 
@@ -119,81 +104,77 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
         whole frame where it is not near that place, not as wide, turned or disturbed.
     """
     if before is not None:
-        line = *before.centre, before.angle, before.diameter / 2
-        axis = _measure(image, line, before.blur, before.lean, before.light)
+        x, y = before.centre
+        axis = _measure(image, x, y, before.angle, before.diameter / 2, before.blur, before.lean, before.light)
         if (
-            axis is not None
-            and axis.agreement >= SAME_AGREEMENT
+            axis.agreement >= SAME_AGREEMENT
             and abs(axis.diameter - before.diameter) <= SAME_DIAMETER * before.diameter
             and abs(math.remainder(axis.angle - before.angle, math.pi)) <= SAME_DIRECTION
         ):
             return axis
     line = find_line(image)
-    axis = None if line is None else _measure(image, line, 1.0, 0.0, 0.0)
-    if axis is not None and axis.misfit <= MAX_MISFIT:
+    axis = NO_YARN if line is None else _measure(image, *line, 1.0, 0.0, 0.0)
+    if axis.diameter and axis.misfit <= MAX_MISFIT:
         return axis
     for band in bands(image.astype(np.float32), BANDS):
-        other = _measure(image, band, 1.0, 0.0, 0.0)
-        if other is not None and other.agreement >= MIN_AGREEMENT and (axis is None or other.misfit < axis.misfit):
+        other = _measure(image, *band, 1.0, 0.0, 0.0)
+        better = not axis.diameter or other.misfit < axis.misfit
+        if other.diameter and other.agreement >= MIN_AGREEMENT and better:
             axis = other
-        if axis is not None and axis.misfit <= MAX_MISFIT:
+        if axis.diameter and axis.misfit <= MAX_MISFIT:
             break
-    return axis
+    return axis if axis.diameter else None
 
 
 def expected(last: YarnAxis, before: YarnAxis) -> YarnAxis:
     """Return where the yarn is next if it moves on and turns on as from the frame before to the last one.
 
-    A yarn that swings then mostly needs one strip a frame instead of two: that it turned by more than `ALIGNED` over
-    its length from one frame to the next no longer counts, only how much faster or slower.
+    A yarn that swings then mostly needs one strip a frame instead of two: that it turned by more than `align.ALIGNED`
+    over its length from one frame to the next no longer counts, only how much faster or slower.
     """
     x, y = (2 * now - then for now, then in zip(last.centre, before.centre, strict=True))
     turned = math.remainder(last.angle - before.angle, math.pi)
-    return replace(last, centre=(x, y), angle=last.angle + turned)
+    return last._replace(centre=(x, y), angle=last.angle + turned)
 
 
+@compiled
 def _measure(
-    image: Image | Pixels, line: tuple[float, float, float, float], blur: float, lean: float, light: float
-) -> YarnAxis | None:
-    """Align a line (a point x, y, the angle, half the width) with the yarn on it, and measure the diameter.
+    image: Image | Pixels, x: float, y: float, angle: float, radius: float, blur: float, lean: float, light: float
+) -> YarnAxis:
+    """Align a line with the yarn on it, and measure the diameter: 0 where there is no yarn.
 
-    `blur`, `lean` and `light` are where the fit starts, see `YarnAxis`.
+    Parameters
+    ----------
+    image : shape (rows, columns).
+    x, y, angle, radius : a point of the line, its angle, half of the width.
+    blur, lean, light : where the fit starts, see `YarnAxis`.
     """
-    x, y, angle, radius = line
-    for _ in range(ROUNDS):
-        cut = _cut(image, x, y, angle, 1.3 * radius + 6, MIN_ASPECT * 2 * radius)
-        if cut is None:
-            return None
-        x, y = cut.centre
-        profile, spread, tilt, agreement, shift = _registered(cut.blocks, np.sort(cut.blocks, axis=1))
-        if not agreement:
-            return None
-        # from rows and lines to pixels
-        tilt, shift = tilt * cut.step**2, shift * cut.step
-        angle -= math.atan(tilt)
-        if abs(shift) <= CENTRED and abs(tilt) * cut.length <= ALIGNED:
-            break
-        x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
-    else:
-        return None
-    start = LitProfile.start(shift + lean, radius, blur, light).scaled(1 / cut.step)
-    cut, profile, body = _fit(image, angle, cut, profile, spread, start)
-    if body is None or body.misfit >= NO_BODY:
-        return None
-    half, length = cut.blocks.shape[0] // 2, cut.length
-    dark = float(np.interp(body.offset, (-half, half), (profile[:3].mean(), profile[-3:].mean())))
-    body = body.scaled(cut.step)
+    aligned = align(image, x, y, angle, radius)
+    if not aligned.cut.length:
+        return NO_YARN
+    angle, shift = aligned.angle, aligned.registered.shift * aligned.cut.step
+    start = np.array([shift + lean, radius, blur, light])
+    start[:3] /= aligned.cut.step
+    found, registered, body = _fit(image, aligned, start)
+    if not body.radius or body.misfit >= NO_BODY:
+        return NO_YARN
+    half, length, agreement = registered.profile.size // 2, found.length, aligned.registered.agreement
+    first, last = registered.beside
+    dark = first + (last - first) * (body.offset + half) / (2 * half)
+    body = scaled(body, found.step)
     offset, radius = body.offset, body.radius
-    if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * cut.step < radius + 2:
-        return None
-    x, y = x + offset * math.sin(angle), y + offset * math.cos(angle)
-    lean, (light, lamp) = offset - shift, _lamp(body)
+    if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * found.step < radius + 2:
+        return NO_YARN
+    x, y = found.x + offset * math.sin(angle), found.y + offset * math.cos(angle)
+    lean = offset - shift
+    light, lamp = _lamp(body)
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
         lean, light = -lean, -light
     shade = (dark + body.ambient + lamp, dark + body.ambient)
     return YarnAxis((x, y), angle % math.pi, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit)
 
 
+@inner
 def _lamp(body: LitProfile) -> tuple[float, float]:
     """Return direction and level of the lamp, where there is one to speak of."""
     light, lamp = body.light, body.lamp
@@ -204,91 +185,61 @@ def _lamp(body: LitProfile) -> tuple[float, float]:
     return 0.0 if abs(lamp) < FLAT * abs(body.ambient) else light, lamp
 
 
-@dataclass(frozen=True, slots=True)
-class _Cut:
-    """Yarn cut along the frame's lines, see `block_means`."""
-
-    blocks: Image
-    """Shape (rows, blocks), rows `step` apart."""
-    step: float
-    """[px]"""
-    centre: tuple[float, float]
-    """The point (x, y) on the line that the middle row and the middle block have."""
-    length: int
-    """Of the band about the line in view [px]."""
-
-
-def _cut(image: Image | Pixels, x: float, y: float, angle: float, reach: float, shortest: float) -> _Cut | None:
-    """Cut a frame over `reach` on each side of a line; None where less than `shortest` of that band is in view."""
-    step = step_across(angle)
-    half = math.ceil(reach / step)
-    low, high = span(image.shape[0], image.shape[1], x, y, angle, half * step)
-    length, count = math.floor(high - low), math.floor((high - low) * step / BLOCK)
-    if length < shortest or count < FEWEST:
-        return None
-    x, y = _along(x, y, angle, (low + high) / 2)
-    return _Cut(block_means(image, x, y, angle, half, count, BLOCK), step, (x, y), length)
-
-
-def _fit(
-    image: Image | Pixels, angle: float, cut: _Cut, profile: Array, spread: Array, start: LitProfile
-) -> tuple[_Cut, Array, LitProfile | None]:
+@spliced
+def _fit(image: Image | Pixels, aligned: Aligned, start: Array) -> tuple[Cut, Registered, LitProfile]:
     """Fit the profile, with its shadow if it shows; the yarn is cut wider where that needs it.
 
     Parameters
     ----------
     image : shape (rows, columns).
-    angle : of the axis [rad].
-    cut, profile, spread : see `_registered`.
-    start : where the fit starts; its light is 0 where there is no frame before. Its lengths, and those of what is
-        returned, are the cut's rows.
+    aligned : the cut yarn.
+    start : where the fit starts, see `fit_lit`; its light is 0 where there is no frame before. Its lengths, and those
+        of what is returned, are the cut's rows.
 
     Returns
     -------
-    The cut and the profile that were fitted; the fit, or None where none is credible.
+    The cut whose profile was fitted, what it has, and the fit, `NOT_FITTED` where none is credible.
     """
-    if abs(start.light) > FRONTAL:
-        body = fit_lit(profile, weights(profile, spread), [start])
-        if body is not None and body.misfit <= NO_MISFIT and FRONTAL < abs(body.light) <= SIDEWAYS:
-            return cut, profile, body
-    # nodes closer than the narrowest usual blur
-    sine, share = quadrature(16 * math.ceil(3 * start.radius / 16))
-    plain = LitProfile(*fit_profile(profile, spread, start.offset, start.radius, start.blur, sine, share))
-    plain = plain if plain.radius else None
-    if plain is not None and abs(plain.light) <= FRONTAL and plain.misfit <= NO_MISFIT:
-        return cut, profile, plain
-    return _fit_shadow(image, angle, cut, profile, spread, plain, start)
+    found, registered, _ = aligned
+    if abs(start[3]) > FRONTAL:
+        body = fit_lit(registered.profile, registered.spread, start.reshape(1, 4))
+        if body.radius and body.misfit <= NO_MISFIT and FRONTAL < abs(body.light) <= SIDEWAYS:
+            return found, registered, body
+    plain = LitProfile(*fit_profile(registered.profile, registered.spread, start[0], start[1], start[2]))
+    if plain.radius and abs(plain.light) <= FRONTAL and plain.misfit <= NO_MISFIT:
+        return found, registered, plain
+    return _fit_shadow(image, aligned, plain, start)
 
 
+@spliced
 def _fit_shadow(
-    image: Image | Pixels,
-    angle: float,
-    cut: _Cut,
-    profile: Array,
-    spread: Array,
-    plain: LitProfile | None,
-    start: LitProfile,
-) -> tuple[_Cut, Array, LitProfile | None]:
+    image: Image | Pixels, aligned: Aligned, plain: LitProfile, start: Array
+) -> tuple[Cut, Registered, LitProfile]:
     """Fit the profile with its shadow, if it fits, else take the one without, `plain`; see `_fit`."""
-    if plain is None or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start.light) > SIDEWAYS:
+    found, registered, angle = aligned
+    if not plain.radius or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start[3]) > SIDEWAYS:
         # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
-        first, last = bright_side(profile)
-        half = 1.3 * (last - first) + 6 / cut.step
-        if half > cut.blocks.shape[0] // 2:
-            wider = _cut(image, *cut.centre, angle, half * cut.step, 0.0)
-            if wider is not None:
-                cut = wider
-                profile, spread, *_ = _registered(cut.blocks, np.sort(cut.blocks, axis=1))
-    weight = weights(profile, spread)
-    body = fit_lit(profile, weight, [start]) if abs(start.light) > FRONTAL else None
-    near = [] if plain is None else [plain]
-    if body is None and near and abs(near[0].light) <= SIDEWAYS:  # little of the yarn is dark: there is one minimum
-        body = fit_lit(profile, weight, near)
-    if body is None or body.misfit > NO_MISFIT:
-        body = fit_lit(profile, weight, side_starts(profile, start.blur) + near)
-    if body is None or (plain is not None and body.misfit > max(NO_MISFIT, plain.misfit)):
+        first, last = bright_side(registered.profile)
+        half = 1.3 * (last - first) + 6 / found.step
+        if half > registered.profile.size // 2:
+            wider = cut(image, found.x, found.y, angle, half * found.step, 0.0)
+            if wider.length:
+                found, registered = wider, register(wider.blocks)
+    near = np.array([[plain.offset, plain.radius, plain.blur, plain.light]])
+    body = (
+        fit_lit(registered.profile, registered.spread, start.reshape(1, 4)) if abs(start[3]) > FRONTAL else NOT_FITTED
+    )
+    if not body.radius and plain.radius and abs(plain.light) <= SIDEWAYS:
+        # little of the yarn is dark: there is one minimum
+        body = fit_lit(registered.profile, registered.spread, near)
+    if not body.radius or body.misfit > NO_MISFIT:
+        starts = side_starts(registered.profile, start[2])
+        if plain.radius:
+            starts = np.concatenate((starts, near))
+        body = fit_lit(registered.profile, registered.spread, starts)
+    if not body.radius or (plain.radius and body.misfit > max(NO_MISFIT, plain.misfit)):
         body = plain
-    return cut, profile, body
+    return found, registered, body
 
 
 def straighten(image: Image | Pixels, centre: tuple[float, float], angle: float, half: int, length: int) -> Image:
@@ -367,17 +318,6 @@ def _set_band(
                 target[j] = source[j]
 
 
-def _along(x: float, y: float, angle: float, distance: float) -> tuple[float, float]:
-    return x + distance * math.cos(angle), y - distance * math.sin(angle)
-
-
-@inner
-def _median(values: Array) -> float:
-    """Return the upper median of values, shape (n,)."""
-    middle = values.size // 2
-    return np.partition(values, middle)[middle]
-
-
 @compiled
 def _reduced(frame: Image | Pixels) -> Image:
     """Return the mean of each `REDUCTION` × `REDUCTION` pixels; what is left over at the far ends is left out."""
@@ -414,10 +354,10 @@ def _deviation(image: Image) -> Image:
             basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
             at += 1
     basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
-    rest, c = values - _median(values), np.zeros(6)
+    rest, c = values - upper_median(values), np.zeros(6)
     normal, right, pivots = np.empty((6, 6)), np.empty(6), np.empty(6, np.int64)
     for _ in range(4):
-        keep = np.abs(rest) <= 3 * 1.4826 * _median(np.abs(rest)) + 1e-9
+        keep = np.abs(rest) <= 3 * 1.4826 * upper_median(np.abs(rest)) + 1e-9
         for k in range(6):
             kept = np.where(keep, basis[k], 0.0)
             right[k] = np.sum(kept * values)
@@ -485,7 +425,7 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
         along = (xs - x) * c - (ys - y) * s
         across = (xs - x) * s + (ys - y) * c
         low, high = span(rows, columns, x, y, angle, half)
-        near = np.abs(across - _median(across)) < 1.3 * half + 1
+        near = np.abs(across - upper_median(across)) < 1.3 * half + 1
         if low < high:
             near &= (along > low) & (along < high)
         along, across = along[near], across[near]
@@ -501,80 +441,3 @@ def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float,
         x, y = x + shift * s, y + shift * c
         angle -= math.atan(tilt)
     return x, y, angle, half
-
-
-@compiled
-def _registered(blocks: Image, ordered: Image) -> tuple[Array, Array, float, float, float]:
-    """Return a cut's profile, its rows' spread, tilt and agreement, and how far the yarn is from the middle.
-
-    Profile and spread, shape (rows,), are the mean of the middle half of each row's values and their interquartile
-    range; for the rest see `_shifts` and `middle`.
-
-    Parameters
-    ----------
-    blocks : shape (rows, blocks), each of `BLOCK` lines.
-    ordered : the same with each row in ascending order.
-    """
-    rows, count = blocks.shape
-    quarter = count // 4
-    profile, spread = np.zeros(rows), np.empty(rows)
-    for i in range(rows):
-        for j in range(quarter, count - quarter):
-            profile[i] += ordered[i, j]
-        profile[i] /= count - 2 * quarter
-        spread[i] = ordered[i, count - quarter - 1] - ordered[i, quarter]
-    tilt, agreement = _shifts(blocks, profile)
-    return profile, spread, tilt, agreement, middle(profile) if agreement else 0.0
-
-
-@inner
-def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
-    """Return the yarn's tilt [rows per line], and the share of the blocks that agree; 0 without enough."""
-    rows, count = blocks.shape
-    design = np.ones((3, rows))
-    for i in range(rows):
-        before, after = max(i - 1, 0), min(i + 1, rows - 1)
-        design[0, i], design[2, i] = profile[i], (profile[before] - profile[after]) / (after - before)
-    scale, normal = np.empty(3), np.empty((3, 3))
-    for k in range(3):
-        scale[k] = math.sqrt(np.sum(design[k] ** 2))
-        if scale[k] <= 0:
-            return 0.0, 0.0
-        design[k] /= scale[k]
-    for k in range(3):
-        for m in range(3):
-            normal[k, m] = np.sum(design[k] * design[m]) + (1e-12 if k == m else 0.0)
-    pivots = np.empty(3, np.int64)
-    lu_factor(normal, pivots)
-    # rows of the pseudo-inverse: what weighs a block's rows to its gain and to gain times shift
-    for_gain, for_moved = lu_solve(normal, pivots, np.eye(3)[0]), lu_solve(normal, pivots, np.eye(3)[2])
-    gain, moved = np.zeros(count), np.zeros(count)
-    for i in range(rows):
-        a, b = 0.0, 0.0
-        for k in range(3):
-            a += for_gain[k] * design[k, i] / scale[0]
-            b += for_moved[k] * design[k, i] / scale[2]
-        for j in range(count):
-            gain[j] += a * blocks[i, j]
-            moved[j] += b * blocks[i, j]
-    usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * (rows / 4))
-    used = np.count_nonzero(usable)
-    if used < max(3, 0.3 * count):
-        return 0.0, 0.0
-    shift = moved[usable] / gain[usable]
-    position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
-    weight = np.ones(used)
-    tilt = 0.0
-    for _ in range(10):
-        last = tilt
-        total = weight.sum()
-        centred = position - np.sum(weight * position) / total
-        weighted = weight * centred
-        tilt = np.sum(weighted * shift) / np.sum(weighted * centred)
-        rest = shift - np.sum(weight * shift) / total - tilt * centred
-        # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * _median(np.abs(rest)), 0.02)
-        weight = np.maximum(1 - (rest / reach) ** 2, 0.0) ** 2
-        if abs(tilt - last) * BLOCK * count < 1e-3:
-            break
-    return tilt, np.sum(weight > 0.2) / count

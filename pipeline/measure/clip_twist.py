@@ -8,20 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.measure.recurrence import Recurrence, full_turn
+from pipeline.measure.scatter import Face, slope_scatter
 from pipeline.records import Array
 
-METHOD_U: Mapping[str, float] = {"surface": 0.015, "ply": 0.003, "tracer": 0.015}
+METHOD_U: Mapping[str, float] = {"surface": 0.005, "ply": 0.003, "tracer": 0.015}
 """Relative standard uncertainties of the method, common to all frames: the size of the clip-mean errors on rendered
-yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result. For the slope of fibres and for a
-tracer it is mostly how far the few fibres of one stretch of yarn lie off the helix, which more frames of it do not
-mend."""
+yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result; of the slope of fibres what is left
+where they scatter least (`scatter.py` tells by how much they do). For a tracer it is mostly how far one fibre lies off
+the helix."""
+U_SCATTER = 0.015
+"""The same for fibres whose scatter cannot be told."""
 U_DEPTH = 0.08
 """The same for the slope of fibres that were not seen again a turn on: it is 2πTρ, and how deep ρ lies below the
 outline is not known. On a painted cylinder it is the outline, R; fibres of radius r on the outside of a yarn run at
 R − r, for cotton of 12 to 20 µm in a yarn of 0.16 mm at 0.87 to 0.93 R, and dive from there. This is the root mean
 square of a rectangle from 0 to 14 %."""
-U_RECURRENCE = 0.005
-"""The same for the twist of a single yarn whose fibres are seen again after a full turn (`recurrence.py`)."""
+U_TURN = 0.003
+"""The same for the length of a full turn, of which fibres return (`recurrence.py`)."""
 MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist, or diameter, must be credible: fewer are so by chance."""
 MAX_OTHER_HAND = 0.2
@@ -34,35 +37,51 @@ class ClipTwist:
 
     per_pixel: Array
     """Turns per pixel of each frame, Z > 0; NaN where not credible."""
-    relative_u: float
-    """Relative standard uncertainty of the method, common to all frames."""
+    relative_u: Mapping[str, float]
+    """Relative standard uncertainties common to all frames, by name: 'method', and of a single yarn 'fibres', their
+    scatter about the helix, and 'depth', how far they run below the outline."""
     other_hand: int
     """Frames whose twist was taken away because of their hand."""
     reason: str
     """Why, with the frames of each hand; empty where there is but one."""
 
 
-def clip_twist(frames: Array, yarn: NDArray[np.bool_], turns: Sequence[Recurrence], method: str) -> ClipTwist:
+def clip_twist(
+    frames: Array, yarn: NDArray[np.bool_], faces: Sequence[tuple[Face, Recurrence | None]], method: str
+) -> ClipTwist:
     """Decide on the twist of a clip.
 
     Parameters
     ----------
     frames : turns per pixel of each frame, Z > 0, NaN where not credible, shape (n,).
     yarn : whether there is yarn in it, shape (n,).
-    turns : of the frames that were looked at for a full turn.
+    faces : of the frames that were looked at for a full turn.
     method : a name of `METHOD_U`.
     """
     twist, other_hand, reason = _one_hand(frames)
     if np.count_nonzero(np.isfinite(twist)) < MIN_CREDIBLE * np.count_nonzero(yarn):
         twist = np.full(frames.size, math.nan)
-    slope = float(np.nanmedian(np.abs(twist))) if np.any(np.isfinite(twist)) else math.nan
-    period = full_turn(turns, slope) if math.isfinite(slope) else math.nan
-    if math.isfinite(period):  # how deep below the outline the fibres run no longer counts
-        twist = twist / (period * slope)
-        u = U_RECURRENCE
-    else:
-        u = math.hypot(METHOD_U[method], U_DEPTH) if method == "surface" else METHOD_U[method]
+    u = {"method": METHOD_U[method]}
+    known = twist[np.isfinite(twist)]
+    if method == "surface" and known.size:
+        slope = float(np.median(known))
+        spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
+        u |= {"fibres": _shared(slope_scatter([face for face, _ in faces], slope), spread), "depth": U_DEPTH}
+        turn = full_turn([again for _, again in faces if again is not None], slope)
+        if turn is not None:
+            by_turn = {"method": U_TURN, "fibres": _shared(turn.relative_u, 0.0)}
+            if math.hypot(*by_turn.values()) < math.hypot(*u.values()):  # depth no longer counts
+                twist, u = twist / (turn.length * abs(slope)), by_turn
     return ClipTwist(twist, u, other_hand, reason)
+
+
+def _shared(scatter: float, spread: float) -> float:
+    """Return the part of the scatter of one frame's fibres that is not seen as spread of the frames.
+
+    Frames show the same fibres over and over, and their mean is as wrong as one of them; what differs from frame to
+    frame is in the spread of the twist.
+    """
+    return math.sqrt(max(scatter**2 - spread**2, 0.0)) if math.isfinite(scatter) else U_SCATTER
 
 
 def _one_hand(twist: Array) -> tuple[Array, int, str]:

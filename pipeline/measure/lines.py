@@ -49,6 +49,13 @@ def span(rows: int, columns: int, x: float, y: float, angle: float, half: float)
 
 
 @inner
+def _shear(angle: float) -> float:
+    """Return how many lines further on is what lies square to the axis, for each pixel to its right [1/px]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return math.copysign(c, -c * s) if abs(s) >= abs(c) else math.copysign(s, c * s)
+
+
+@inner
 def _lines(x: float, y: float, angle: float, count: int) -> tuple[bool, int, int, int, float, float, float]:
     """Return where `count` lines along the axis are whose middle is next to (x, y).
 
@@ -123,9 +130,7 @@ def _laid(frame: Image | Pixels, x: float, y: float, angle: float, half: int, co
     Shape (2 half + 1, lines), rows q apart; where in a row the first place lies; and how many lines further on for each
     pixel to the axis' right.
     """
-    c, s = math.cos(angle), math.sin(angle)
-    shear = math.copysign(c, -c * s) if abs(s) >= abs(c) else math.copysign(s, c * s)
-    q = step_across(angle)
+    shear, q = _shear(angle), step_across(angle)
     margin = math.ceil(half * q * abs(shear)) + TAPS
     lines = count + 2 * margin
     rows, first, step, side, place, slope, begin = _lines(x, y, angle, lines)
@@ -140,7 +145,7 @@ def _laid(frame: Image | Pixels, x: float, y: float, angle: float, half: int, co
 
 @compiled
 def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: int, count: int, block: int) -> Image:
-    """Return the means over lengths of yarn, square to the axis, by distance from it.
+    """Return the means over lengths of yarn, square to the axis to a quarter of a block, by distance from it.
 
     Parameters
     ----------
@@ -148,22 +153,33 @@ def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: i
     x, y, angle : a point of the axis [px] and its angle, counter-clockwise from +x as displayed.
     half : pixels of a line on each side of the axis.
     count : number of blocks, their middle at (x, y).
-    block : lines in each.
+    block : lines in each, an even number.
 
     Returns
     -------
-    Shape (2 half + 1, count), rows to the right of the axis and `step_across` apart.
+    Shape (count, 2 half + 1), columns to the right of the axis and `step_across` apart.
     """
-    laid, start, shear = _laid(frame, x, y, angle, half, count * block)
-    q = step_across(angle)
-    means = np.empty((2 * half + 1, count), np.float32)
-    for i in range(2 * half + 1):
-        row = laid[i, round(start + (i - half) * q * shear) :]
+    size, part, lean = 2 * half + 1, block // 2, _shear(angle) * step_across(angle)
+    # halves of blocks first, which all pixels of a line belong to, then blocks of those that lie square to the axis
+    halves = 2 * count + 2 * math.ceil(half * abs(lean) / part) + 2
+    rows, first, step, side, place, slope, begin = _lines(x, y, angle, part * halves)
+    sums, window, values = (
+        np.zeros((halves, size), np.float32),
+        np.empty(size + TAPS - 1, np.float32),
+        np.empty(size, np.float32),
+    )
+    for k in range(halves):
+        total = sums[k]
+        for j in range(part * k, part * (k + 1)):
+            _set_line(frame, rows, first + step * j, place + slope * j, side, window, values)
+            for i in range(size):
+                total[i] += values[i]
+    start = -begin * step_across(angle) - (count * block - 1) / 2  # the line that the first block begins with
+    means = np.empty((count, size), np.float32)
+    for i in range(size):
+        one = round((start + (i - half) * lean) / part)
         for k in range(count):
-            total = np.float32(0)
-            for j in range(block):
-                total += row[k * block + j]
-            means[i, k] = total / np.float32(block)
+            means[k, i] = (sums[one + 2 * k, i] + sums[one + 2 * k + 1, i]) / np.float32(block)
     return means
 
 

@@ -15,14 +15,13 @@ well, so each start keeps that edge.
 """
 
 import math
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
-from models.compiled import compiled, inner
+from models.compiled import compiled, inner, spliced
 from models.newton import lu_factor, lu_solve
-from pipeline.measure.profile import left, products
+from pipeline.measure.profile import SHARPER, background, even, left, products, weights
 from pipeline.records import Array
 
 STARTS = (0.2, 0.5, 0.8, 1.1, 1.4)
@@ -33,8 +32,8 @@ NO_BODY = 0.1
 """Misfit from which on there is nothing but noise in the profile."""
 FOOT = 0.2
 """Height of the profile, over its maximum, that the bright side is taken to begin at."""
-NODES = 3.0
-"""Nodes of the integral over γ per pixel of the largest radius to start from: closer than the narrowest usual blur."""
+NODES_SHOWN, SHARES_SHOWN = np.polynomial.legendre.leggauss(64)
+"""Of the integral over γ that tells which surface shows at a place."""
 FAR = 6.0
 """Distance in standard deviations from which on the blur is taken for 0."""
 STEPS = 30
@@ -42,13 +41,13 @@ SETTLED = 1e-3
 """Relative fall of the squares in the last step."""
 
 
-@dataclass(frozen=True, slots=True)
-class LitProfile:
+class LitProfile(NamedTuple):
     """A fitted profile, lengths in its rows or in pixels."""
 
     offset: float
     """Place of the axis, from the middle row."""
     radius: float
+    """0 where no fit is credible."""
     blur: float
     """Standard deviation."""
     light: float
@@ -62,57 +61,71 @@ class LitProfile:
     misfit: float
     """Root mean square of the residuals over the range of the profile."""
 
-    @classmethod
-    def start(cls, offset: float, radius: float, blur: float, light: float) -> "LitProfile":
-        """Where a fit starts: the levels, which are linear, need none."""
-        return cls(offset, radius, blur, light, math.nan, math.nan, math.nan, math.nan)
 
-    def scaled(self, factor: float) -> "LitProfile":
-        """The same in another unit of length."""
-        return replace(self, offset=self.offset * factor, radius=self.radius * factor, blur=self.blur * factor)
+NOT_FITTED = LitProfile(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def fit_lit(profile: Array, weight: Array, starts: list[LitProfile]) -> LitProfile | None:
-    """Fit the profile from each start and return the best fit; None where none stays inside of its bounds.
+@inner
+def scaled(body: LitProfile, factor: float) -> LitProfile:
+    """Return the same in another unit of length."""
+    return LitProfile(
+        body.offset * factor,
+        body.radius * factor,
+        body.blur * factor,
+        body.light,
+        body.ambient,
+        body.lamp,
+        body.squares,
+        body.misfit,
+    )
+
+
+@inner
+def fit_lit(profile: Array, spread: Array, starts: Array) -> LitProfile:
+    """Fit the profile from each start and return the best fit, `NOT_FITTED` where none stays inside of its bounds.
 
     Parameters
     ----------
-    profile, weight : shape (2h + 1,), the middle row at w = 0.
-    starts : where to start from, lengths in rows, as those of what is returned.
+    profile, spread : see `align.Registered`, shape (2h + 1,), the middle row at w = 0.
+    starts : offset, radius, blur and light to start from, lengths in rows, shape (n, 4).
     """
-    half = profile.size // 2
-    low, high = np.array([-half, 1.5, math.log(0.3), -FARTHEST]), np.array([half, half - 1.0, math.log(half), FARTHEST])
-    nodes, shares = _quadrature(8 * math.ceil(NODES * max(start.radius for start in starts) / 8))
-    best = None
-    for start in starts:
-        at = np.clip([start.offset, start.radius, math.log(start.blur), start.light], low, high)
-        squares, levels, misfit = _fit(profile, weight, at, low, high, nodes, shares)
-        inside = np.all((at[:3] > low[:3]) & (at[:3] < high[:3]))
-        # a lamp that takes light away is none
-        credible = inside and levels[3] > 0 and math.isfinite(squares) and misfit < NO_BODY
-        if credible and (best is None or squares < best.squares):
-            offset, radius, blur, light = (float(value) for value in at)
-            best = LitProfile(
-                offset, radius, math.exp(blur), light, float(levels[2]), float(levels[3]), float(squares), float(misfit)
-            )
-    return best
+    while True:
+        narrowest = starts[:, 2].min()
+        nodes, shares = even(starts[:, 1].max(), narrowest)
+        best = NOT_FITTED
+        for i in range(starts.shape[0]):
+            found = _fit(profile, spread, starts[i], nodes, shares)
+            if found.radius and (not best.radius or found.squares < best.squares):
+                best = found
+        if not best.radius or best.blur >= SHARPER * narrowest:
+            return best
+        starts = np.array([[best.offset, best.radius, best.blur, best.light]])
 
 
+@inner
 def bright_side(profile: Array) -> tuple[float, float]:
     """Return where the profile falls to `FOOT` of its height above the brighter end, from the middle row [px]."""
-    ends = float(profile[:3].mean()), float(profile[-3:].mean())
-    bright = np.flatnonzero(profile - max(ends) >= FOOT * (float(profile.max()) - max(ends)))
+    first, last = background(profile)
+    ground = max(first, last)
+    bright = np.flatnonzero(profile - ground >= FOOT * (profile.max() - ground))
     return float(bright[0] - profile.size // 2), float(bright[-1] - profile.size // 2)
 
 
-def side_starts(profile: Array, blur: float) -> list[LitProfile]:
-    """Starts with the lamp on either side: R(1 + cos α) of the width is bright, from the edge that faces the lamp."""
+@inner
+def side_starts(profile: Array, blur: float) -> Array:
+    """Starts with the lamp on either side: R(1 + cos α) of the width is bright, from the edge that faces the lamp.
+
+    Returns
+    -------
+    Shape (n, 4), see `fit_lit`.
+    """
     first, last = bright_side(profile)
-    starts = []
-    for light in STARTS:
+    starts = np.empty((2 * len(STARTS), 4))
+    for i in range(len(STARTS)):
+        light = STARTS[i]
         radius = max(last - first, 2.0) / (1 + math.cos(light))
-        starts.append(LitProfile.start(last - radius, radius, blur, light))
-        starts.append(LitProfile.start(first + radius, radius, blur, -light))
+        starts[2 * i] = last - radius, radius, blur, light
+        starts[2 * i + 1] = first + radius, radius, blur, -light
     return starts
 
 
@@ -122,23 +135,17 @@ def level(gamma: Array, light: float, shade: tuple[float, float]) -> Array:
     return shade[1] + (shade[0] - shade[1]) * np.maximum(np.cos(gamma - light), 0)
 
 
+@compiled
 def places_of(gamma: Array, radius: float, blur: float, light: float, shade: tuple[float, float]) -> Array:
     """Return the distances w from the axis [px] at which the surface at each γ shows, shape (n,).
 
     A pixel mixes the surface around it by the blur, and brighter surface counts more: at w shows the mean of γ weighted
     by I(γ) and by the Gaussian of (w − R sinγ). Without blur w is R sinγ.
     """
-    return _places(gamma, radius, blur, light, shade, *_quadrature(64))
-
-
-@compiled
-def _places(
-    gamma: Array, radius: float, blur: float, light: float, shade: tuple[float, float], nodes: Array, shares: Array
-) -> Array:
-    surface = nodes * (math.pi / 2)
+    surface = NODES_SHOWN * (math.pi / 2)
     sine = radius * np.sin(surface)
     bright = np.maximum(level(surface, light, shade), 1e-3 * max(abs(shade[0]), 1e-9))
-    weight = shares * np.cos(surface) * bright
+    weight = SHARES_SHOWN * np.cos(surface) * bright
     across = np.linspace(-1, 1, 65) * radius
     shown = np.arcsin(np.linspace(-1, 1, 65))
     # no narrower than the nodes lie apart; the shift grows with the square of the blur
@@ -154,11 +161,6 @@ def _places(
                 mean += part * surface[j]
         shown[i] += share * (mean / total - shown[i])
     return np.interp(gamma, shown, across)
-
-
-@lru_cache(maxsize=16)
-def _quadrature(count: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(count)
 
 
 @inner
@@ -224,12 +226,15 @@ def _rest(
     return columns[0]
 
 
-@compiled
-def _fit(
-    profile: Array, weight: Array, at: Array, low: Array, high: Array, nodes: Array, shares: Array
-) -> tuple[float, Array, float]:
-    """Move `at` to the minimum; return the sum of squares, the four levels and the misfit."""
+@spliced
+def _fit(profile: Array, spread: Array, start: Array, nodes: Array, shares: Array) -> LitProfile:
+    """Fit the profile from one start."""
     rows = profile.size
+    half, weight = rows // 2, weights(profile, spread)
+    low, high = np.array([-half, 1.5, math.log(0.3), -FARTHEST]), np.array([half, half - 1.0, math.log(half), FARTHEST])
+    at = start.copy()
+    at[2] = math.log(at[2])
+    at = np.minimum(np.maximum(at, low), high)
     levels, trial_levels = np.zeros(4), np.zeros(4)
     jacobian, trial_jacobian = np.empty((4, rows)), np.empty((4, rows))
     rest = _rest(at, profile, weight, nodes, shares, levels, jacobian)
@@ -255,4 +260,8 @@ def _fit(
         if before - squares < SETTLED * squares:
             break
     misfit = math.sqrt(np.mean((rest / weight) ** 2)) / max(np.max(profile) - np.min(profile), 1e-9)
-    return squares, levels, misfit
+    inside = np.all((at[:3] > low[:3]) & (at[:3] < high[:3]))
+    # a lamp that takes light away is none
+    if not (inside and levels[3] > 0 and math.isfinite(squares) and misfit < NO_BODY):
+        return NOT_FITTED
+    return LitProfile(at[0], at[1], math.exp(at[2]), at[3], levels[2], levels[3], squares, misfit)

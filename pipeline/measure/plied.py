@@ -9,11 +9,12 @@ The diameter is that of this geometry. Strands that are flattened where they tou
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pipeline.measure.axis import YarnAxis, find_line, straighten
 from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.pitch import ply_twist
+from pipeline.measure.strands import mean_width
 from pipeline.measure.strands_fit import MIN_PERIODS, Picture, best_fit, fit
 from pipeline.measure.twist import FrameTwist
 
@@ -77,6 +78,20 @@ def plied_yarn(image: Image | Pixels, axis: YarnAxis, plies: int, before: Pictur
     return YarnFound(axis, twist, doubt)
 
 
+def followed_plied(image: Image | Pixels, axis: YarnAxis, plies: int, before: Picture) -> YarnFound | None:
+    """Measure the plied yarn where it is expected after the frame before; None where that picture is not seen there.
+
+    Parameters
+    ----------
+    image : shape (rows, columns), rows top-down.
+    axis : where the yarn is expected.
+    plies, before : see `plied_yarn`.
+    """
+    width = mean_width(plies) * math.exp(before.at[2]) / 2
+    found = _follow(image, (*axis.centre, axis.angle, width), plies, before)
+    return found if isinstance(found, YarnFound) else None
+
+
 def _follow(
     image: Image | Pixels, line: tuple[float, float, float, float], plies: int, before: Picture | None
 ) -> YarnFound | str:
@@ -86,7 +101,7 @@ def _follow(
     if length < 2 * width:
         return "less of the yarn is in view than it is wide"
     strip = straighten(image, centre, angle, half, length)
-    picture, other = best_fit(strip, plies, width, before)
+    picture = best_fit(strip, plies, width, before)
     reason = _doubt(picture, plies, length)
     if not reason and abs(picture.at[1]) * length > ALIGNED:
         (x, y), angle = _moved(picture, centre, angle)
@@ -97,13 +112,13 @@ def _follow(
         at[:2] = 0
         at[3] += 2 * math.pi * at[4] * along
         strip = straighten(image, centre, angle, half, max(length, 1))
-        picture = fit(strip, plies, at, picture.levels)
+        picture = replace(fit(strip, plies, at, picture.levels, picture.computed), other=picture.other)
         reason = _doubt(picture, plies, length)
     if reason:
         return reason
     axis = _axis(picture, *_moved(picture, centre, angle), length, plies)
     twist = float(picture.at[4])
-    contrast = 1 - picture.squares / other
+    contrast = 1 - picture.squares / picture.other
     reason = ""
     if contrast < MIN_CONTRAST:
         period = ply_twist(image, axis, plies).per_pixel

@@ -5,11 +5,12 @@ half of the yarn's diameter. Fibres have a thickness and wander: they run below 
 that is as much too small. Fibres are many turns long, though, and what is at the front at x is there again at x + 1/T,
 whatever ρ. The unrolled surface is therefore correlated with itself about one turn on,
 
-    S(P) = mean over Δγ of C(P + Δγ/(2πT'), Δγ),   P up to `FARTHEST` times 1/T',
+    S(P) = mean over Δγ of C(P + Δγ/(2πT'), Δγ),   P up to `FARTHEST` times 1/T', or as far as the yarn is in view,
 
 along the slope T' that was found, and averaged over frames. Its maximum is at P = 1/T, from `NEAREST` on. Where fibres
 end or dive before that there is none, but other fibres that are alike by chance. They are so at any P, also at one too
-short for a turn: a maximum only counts where it is `MIN_SCORE` high and stands out of all other P by `MIN_CONTRAST`.
+short for a turn: a maximum only counts where it is `MIN_SCORE` high and stands out by `MIN_CONTRAST` of all P beyond
+its flanks, which are as wide as fibres are.
 """
 
 import math
@@ -19,9 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 
-from pipeline.measure.axis import YarnAxis
-from pipeline.measure.lines import Image, Pixels, step_across
-from pipeline.measure.twist import unroll
+from pipeline.measure.scatter import Face, turn_scatter
+from pipeline.measure.twist import coefficients
 from pipeline.records import Array
 
 STEP = 0.003
@@ -36,8 +36,8 @@ LONGEST = 0.15
 """Longest way along the yarn for that, in P."""
 OVERLAP = 1.0
 """Least length of yarn that is seen twice [diameters]."""
-PEAK = 0.03
-"""Relative distance from the maximum from which P is another one."""
+FLANK = 0.1
+"""Relative distance from the maximum within which it must fall to half: fibres are narrower than that."""
 MIN_FRAMES = 3
 MIN_SCORE = 0.2
 MIN_CONTRAST = 0.5
@@ -49,49 +49,66 @@ turn."""
 class Recurrence:
     """S of one frame at P = exp(`STEP`·k) px."""
 
+    face: Face
     first: int
     """k of the first P."""
     scores: Array
     """Weighed by the root of the length that is seen twice, over that in view: chance alone is then alike at all P."""
+    reach: int
+    """Largest Δγ [rows]."""
 
 
-def recurrence(image: Image | Pixels, axis: YarnAxis, per_pixel: float) -> Recurrence | None:
-    """Return S about one turn on, or None where less than that is in view.
+@dataclass(frozen=True, slots=True)
+class FullTurn:
+    """Where the fibres of a clip return."""
+
+    length: float
+    """[px]"""
+    relative_u: float
+    """By how far the few fibres in view scatter about it."""
+
+
+def recurrence(face: Face, per_pixel: float) -> Recurrence | None:
+    """Return S about one turn on, or None where too little of the yarn is in view.
 
     Parameters
     ----------
-    image : shape (rows, columns).
-    axis : where the yarn is.
+    face : the yarn's surface in a frame.
     per_pixel : the twist that the slope of its fibres tells [1/px].
     """
-    step = 1 / step_across(axis.angle)  # of the columns [px]
-    rise = math.pi * per_pixel * axis.diameter * step  # rows of γ per column
-    turn = 1 / abs(per_pixel)
-    tried = np.arange(math.ceil(math.log(SHORTEST * turn) / STEP), math.floor(math.log(FARTHEST * turn) / STEP) + 1)
-    periods = np.exp(STEP * tried)
-    if axis.length < FARTHEST * turn * (1 + LONGEST) + OVERLAP * axis.diameter:
-        return None
-    texture = unroll(image, axis)
+    texture, turn, rise = face.texture, 1 / abs(per_pixel), face.rise(per_pixel)
     rows, columns = texture.shape
-    reach = math.floor(min(REACH * rows / 2, LONGEST * turn / step * abs(rise)))
-    periods = periods / step
-    first, last = math.floor(periods[0] - reach / abs(rise)) - 1, math.ceil(periods[-1] + reach / abs(rise)) + 1
-    if reach < 1 or first < 1 or last >= columns:
+    reach = math.floor(min(REACH * rows / 2, LONGEST * turn / face.step * abs(rise)))
+    if reach < 1:
         return None
-    lags = np.arange(first, last + 1)  # from here on in columns, as the periods
+    lean = reach / abs(rise)
+    longest = (columns - OVERLAP * 2 * face.radius / face.step - lean - 1) * face.step
+    if longest < NEAREST * turn:
+        return None
+    low, high = math.log(SHORTEST * turn), math.log(min(FARTHEST * turn, longest))
+    tried = np.arange(math.ceil(low / STEP), math.floor(high / STEP) + 1)
+    periods = np.exp(STEP * tried) / face.step
+    first, last = math.floor(periods[0] - lean) - 1, math.ceil(periods[-1] + lean) + 1
+    if first < 1:
+        return None
+    lags = np.arange(first, last + 1)
     size = scipy.fft.next_fast_len(columns + last, real=True)
     spectra = scipy.fft.rfft(texture, size, axis=1)
-    scores, pairs = np.zeros(periods.size), 0
+    products = np.empty((2 * reach + 1, lags.size), np.float32)
     for d in range(-reach, reach + 1):
         before, after = spectra[max(0, -d) : rows - max(0, d)], spectra[max(0, d) : rows + min(0, d)]
-        together = scipy.fft.irfft(np.einsum("ij,ij->j", before.conj(), after), size)[first : last + 1]
-        scores += np.interp(periods + d / rise, lags, together / (columns - lags))
-        pairs += rows - abs(d)
-    return Recurrence(int(tried[0]), scores / pairs * np.sqrt(1 - periods / columns))
+        products[d + reach] = scipy.fft.irfft(np.einsum("ij,ij->j", before.conj(), after), size)[first : last + 1]
+    alike = coefficients(products, texture, lags)
+    apart = np.arange(-reach, reach + 1)
+    pairs = rows - np.abs(apart)
+    scores = np.zeros(periods.size)
+    for d, weight, row in zip(apart, pairs, alike, strict=True):
+        scores += weight * np.interp(periods + d / rise, lags, row)
+    return Recurrence(face, int(tried[0]), scores / pairs.sum() * np.sqrt(1 - periods / columns), reach)
 
 
-def full_turn(found: Sequence[Recurrence], per_pixel: float) -> float:
-    """Return the length of a full turn [px] from the frames of a clip; NaN where no one length stands out.
+def full_turn(found: Sequence[Recurrence], per_pixel: float) -> FullTurn | None:
+    """Return the length of a full turn from the frames of a clip; None where no one length stands out.
 
     Parameters
     ----------
@@ -99,18 +116,24 @@ def full_turn(found: Sequence[Recurrence], per_pixel: float) -> float:
     per_pixel : the twist of the clip that the slope of its fibres tells [1/px].
     """
     if len(found) < MIN_FRAMES:
-        return math.nan
+        return None
     first = max(one.first for one in found)
     past = min(one.first + one.scores.size for one in found)
     low, high = (round(math.log(share / abs(per_pixel)) / STEP) - first for share in (NEAREST, FARTHEST))
-    if low < 1 or past - first < (low + high) / 2:
-        return math.nan
+    if low < 1 or past - first < low + 2:
+        return None
     scores = np.mean([one.scores[first - one.first : past - one.first] for one in found], axis=0)
     best = low + int(np.argmax(scores[low : high + 1]))
-    other = np.abs(np.arange(scores.size) - best) > PEAK / STEP
     if not low < best < scores.size - 1 or scores[best] < MIN_SCORE:
-        return math.nan
-    if 1 - float(scores[other].max()) / float(scores[best]) < MIN_CONTRAST:
-        return math.nan
-    before, at, after = scores[best - 1 : best + 2].tolist()
-    return math.exp(STEP * (first + best + 0.5 * (before - after) / (before - 2 * at + after)))
+        return None
+    under = np.flatnonzero(scores < (1 - MIN_CONTRAST) * scores[best])
+    before, after = under[under < best], under[under > best]
+    if not before.size or best - before[-1] > FLANK / STEP or (after.size and after[0] - best > FLANK / STEP):
+        return None
+    end = int(after[0]) if after.size else scores.size
+    other = np.concatenate([scores[: before[-1] + 1], scores[end:]])
+    if other.max() > (1 - MIN_CONTRAST) * scores[best]:
+        return None
+    left, at, right = scores[best - 1 : best + 2].tolist()
+    length = math.exp(STEP * (first + best + 0.5 * (left - right) / (left - 2 * at + right)))
+    return FullTurn(length, turn_scatter([one.face for one in found], per_pixel, length, [one.reach for one in found]))

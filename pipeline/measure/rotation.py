@@ -18,7 +18,6 @@ Sign: δ > 0 is a right-handed rotation about the direction of the axis' angle.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import scipy.fft
@@ -48,7 +47,7 @@ def helix_turn(first: Image | Pixels, second: Image | Pixels, axes: tuple[YarnAx
     twist : signed [1/px]; the ridge's slope.
     """
     if math.cos(axes[0].angle - axes[1].angle) < 0:  # the same axis, named by its other direction
-        axes = axes[0], replace(axes[1], angle=axes[1].angle - math.pi, light=-axes[1].light)
+        axes = axes[0], axes[1]._replace(angle=axes[1].angle - math.pi, light=-axes[1].light)
     one, other = unroll(first, axes[0]), unroll(second, axes[1])
     rows = min(one.shape[0], other.shape[0])
     one, other = _middle_rows(one, rows), _middle_rows(other, rows)

@@ -12,6 +12,7 @@ takes its level and the derivatives from there.
 """
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +24,8 @@ PHASES = 48
 """Steps of φ over the distance of two strands that a picture is computed at; between them it is interpolated."""
 STEP = 0.5
 """Step of a picture across the axis [px]."""
+NEAR = (0.005, 0.05, 0.03, 0.02)
+"""Change of ln r, ln σ, the lamp's direction [rad] and T (relative) up to which a picture is taken to first order."""
 REACH = 6.0
 """Distance in standard deviations from which on the blur is taken for 0."""
 
@@ -42,8 +45,38 @@ def _nodes(radius: float) -> tuple[Array, Array]:
     return _legendre(8 * math.ceil(max(3 * radius, 8) / 8))
 
 
-def pictures(plies: int, at: Array, reach: float) -> Array:
-    """Return the picture at the parameters and its derivatives by ln r, ln σ and the lamp, shape (4, 2, …)."""
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """A picture and its derivatives by ln r, ln σ and the lamp's direction: good near where they were computed."""
+
+    at: Array
+    """ln r, ln σ, direction of the lamp and T, shape (4,)."""
+    values: Array
+    """Shape (4, 2, PHASES + 1, places), see `strands`."""
+
+    def serve(self, at: Array, places: int, tolerance: float) -> bool:
+        """Say whether a `Picture`'s parameters are within `tolerance` times `NEAR`, and the places as many."""
+        moved = np.abs(at[[2, 5, 6, 4]] - self.at)
+        moved[3] /= abs(self.at[3])
+        return self.values.shape[3] == places and bool(np.all(moved <= tolerance * np.array(NEAR)))
+
+    def moved_to(self, at: Array) -> Array:
+        """Return the picture at a `Picture`'s parameters to first order, with the derivatives."""
+        values = self.values.copy()
+        values[0] += np.tensordot(at[[2, 5, 6]] - self.at[:3], self.values[1:], axes=1)
+        return values
+
+
+def pictures(plies: int, at: Array, reach: float, last: Pictures | None, tolerance: float) -> Pictures:
+    """Return the pictures at a `Picture`'s parameters, the last ones if they serve.
+
+    Parameters
+    ----------
+    reach : how far from the axis [px].
+    tolerance : see `Pictures.serve`.
+    """
+    if last is not None and last.serve(at, places_within(reach), tolerance):
+        return last
     twist, small = float(at[4]), 1e-3
     radius, blur, light = math.exp(at[2]), math.exp(at[5]), float(at[6])
     base = strands(plies, radius, blur, light, twist, reach)
@@ -52,7 +85,13 @@ def pictures(plies: int, at: Array, reach: float) -> Array:
         strands(plies, radius, blur * (1 + small), light, twist, reach),
         strands(plies, radius, blur, light + small, twist, reach),
     )
-    return np.stack([base, *((picture - base) / small for picture in moved)])
+    return Pictures(at[[2, 5, 6, 4]], np.stack([base, *((picture - base) / small for picture in moved)]))
+
+
+@compiled
+def places_within(reach: float) -> int:
+    """Return how many places a picture has that reaches so far to each side [px]."""
+    return 2 * math.ceil(reach / STEP) + 1
 
 
 @inner
@@ -95,9 +134,10 @@ def _faces(plies: int, radius: float, blur: float, light: float, reach: float, n
     -------
     Shape (2, PHASES, places): θ over 2π/n, and places `STEP` apart, the axis in the middle.
     """
-    places = 2 * math.ceil(reach / STEP) + 1
+    places = places_within(reach)
     picture = np.zeros((2, PHASES, places))
-    helix = radius / math.sin(math.pi / plies)
+    helix, pitch = radius / math.sin(math.pi / plies), STEP / blur
+    factor = math.exp(-pitch * pitch)
     for p in range(PHASES):
         turn = 2 * math.pi * p / PHASES / plies
         for k in range(plies):
@@ -123,9 +163,13 @@ def _faces(plies: int, radius: float, blur: float, light: float, reach: float, n
                 term = height * shares[m] * math.cos(gamma) * math.cos(gamma - light)
                 place = (middle + radius * math.sin(gamma)) / STEP + places // 2
                 top = max(0, math.ceil(place - near / STEP))
+                # the Gaussian place by place: the ratio of neighbours falls by the same factor
+                z = (top - place) * pitch
+                value, ratio = term * math.exp(-0.5 * z * z), math.exp(-pitch * (z + 0.5 * pitch))
                 for i in range(top, min(places, math.floor(place + near / STEP) + 1)):
-                    z = (i - place) * STEP / blur
-                    picture[1, p, i] += term * math.exp(-0.5 * z * z)
+                    picture[1, p, i] += value
+                    value *= ratio
+                    ratio *= factor
     return picture
 
 
@@ -154,18 +198,21 @@ def strands(plies: int, radius: float, blur: float, light: float, twist: float, 
 
 
 @compiled
-def set_design(pictures: Array, plies: int, at: Array, levels: Array, half: int, length: int, design: Array) -> None:
+def set_design(
+    pictures: Array, plies: int, at: Array, levels: Array, half: int, length: int, every: int, design: Array
+) -> None:
     """Fill the derivatives of each pixel's level by the seven levels and the seven parameters, see `Picture`.
 
     Parameters
     ----------
     pictures : as `pictures` returns them.
     half, length : of the strip.
-    design : shape (14, length·(2 half + 1)), the pixels column by column.
+    every : one of so many columns is filled in.
+    design : shape (14, columns·(2 half + 1)), the pixels column by column.
     """
     places, n = pictures.shape[3], 0
     values = np.empty((4, 2))
-    for column in range(length):
+    for column in range(0, length, every):
         x = column - (length - 1) / 2
         turn = (at[3] + 2 * math.pi * at[4] * x) * plies / (2 * math.pi)
         turn = (turn - math.floor(turn)) * PHASES

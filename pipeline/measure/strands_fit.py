@@ -11,14 +11,14 @@ inside the silhouette tells them apart.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from models.compiled import compiled
 from pipeline.measure.lines import Image
 from pipeline.measure.pitch import SLOPES
-from pipeline.measure.strands import PHASES, STEP, mean_width, pictures, set_design, strands
+from pipeline.measure.strands import PHASES, STEP, Pictures, mean_width, pictures, set_design, strands
 from pipeline.records import Array
 
 MIN_PERIODS = 1.0
@@ -44,6 +44,10 @@ LARGEST_STEP = (2.0, 2.0, 0.1, 0.3, 0.1, 0.4, 0.4)
 SETTLED = 0.01
 """Last step over the largest one."""
 STEPS = 20
+ROUGH = 2
+"""Steps until the picture is about right: only then does the biweight tell hairs from what is still to be fitted."""
+COARSE, FEWEST = 4, 40
+"""Columns of which one is looked at until the fit has settled, and how many of these there must be."""
 BIWEIGHT = 4.685
 HAIR = 0.3
 """Residual over the picture's height from which on it counts as this much."""
@@ -69,31 +73,32 @@ class Picture:
     """Root mean square over the rows of what is left in the mean, over the picture's height."""
     u_radius: float
     """Formal relative uncertainty of r; NaN where the fit did not settle."""
+    other: float = math.nan
+    """`squares` of the best picture of the other hand, in the last frame in which it was looked for."""
+    computed: Pictures | None = None
+    """The pictures that the fit ended with: the next frame's need not be computed anew if they are near."""
 
 
-def best_fit(strip: Image, plies: int, width: float, before: Picture | None) -> tuple[Picture, float]:
-    """Fit a strip from a scan; return the best picture and the squares of the best one of the other hand."""
+def best_fit(strip: Image, plies: int, width: float, before: Picture | None) -> Picture:
+    """Fit a strip from where the frame before was, if that still explains it, else from a scan of both hands."""
     radius = 2 * width / mean_width(plies)
     length = strip.shape[1]
     fastest = SLOPES[1] / (math.pi * radius * (1 + 1 / math.sin(math.pi / plies)))
-    all_twists = np.arange(MIN_PERIODS, max(fastest * plies * length, MIN_PERIODS + 1), FINENESS) / (plies * length)
+    twists = np.arange(MIN_PERIODS, max(fastest * plies * length, MIN_PERIODS + 1), FINENESS) / (plies * length)
     if before is not None:
         last = float(before.at[4])
-        near = all_twists[np.abs(all_twists - abs(last)) <= max(CHANGE * abs(last), 2 * FINENESS / (plies * length))]
+        near = twists[np.abs(twists - abs(last)) <= max(CHANGE * abs(last), 2 * FINENESS / (plies * length))]
         if near.size:
-            radius, light = math.exp(before.at[2]), (float(before.at[6]),)
-            same, opposite = (
-                fit(strip, plies, *_start(strip, plies, radius, sign * near, light, (1.0,))) for sign in _hands(last)
+            at, levels = _start(
+                strip, plies, math.exp(before.at[2]), math.copysign(1, last) * near, (float(before.at[6]),), (1.0,)
             )
-            if same.squares <= min(opposite.squares, AS_BEFORE**2 * before.squares):
-                return same, opposite.squares
-    found = [fit(strip, plies, *_start(strip, plies, radius, sign * all_twists, LIGHTS, SCALES)) for sign in (1, -1)]
+            at[5] = before.at[5]
+            same = fit(strip, plies, at, levels, before.computed)
+            if same.squares <= AS_BEFORE**2 * before.squares:
+                return replace(same, other=before.other)
+    found = [fit(strip, plies, *_start(strip, plies, radius, sign * twists, LIGHTS, SCALES)) for sign in (1, -1)]
     found.sort(key=lambda picture: picture.squares)
-    return found[0], found[1].squares
-
-
-def _hands(twist: float) -> tuple[float, float]:
-    return math.copysign(1, twist), -math.copysign(1, twist)
+    return replace(found[0], other=found[1].squares)
 
 
 def _start(
@@ -123,24 +128,38 @@ def _reach(strip: Image) -> float:
     return 0.75 * strip.shape[0]
 
 
-def fit(strip: Image, plies: int, at: Array, levels: Array) -> Picture:
-    """Fit the picture of the strands to a strip from parameters and levels, see `Picture`."""
-    length = strip.shape[1]
-    target = strip.T.ravel().astype(float)
+def fit(strip: Image, plies: int, at: Array, levels: Array, computed: Pictures | None = None) -> Picture:
+    """Fit the picture of the strands to a strip from parameters, levels and pictures, see `Picture`."""
+    if strip.shape[1] < FEWEST * COARSE:
+        return _fit(strip, 1, plies, at, levels, computed, 0)
+    coarse = _fit(strip, COARSE, plies, at, levels, computed, 0)
+    return _fit(strip, 1, plies, coarse.at, coarse.levels, coarse.computed, ROUGH)
+
+
+def _fit(
+    strip: Image, every: int, plies: int, at: Array, levels: Array, computed: Pictures | None, first: int
+) -> Picture:
+    """Fit to one column of `every` so many, from step number `first` on: up to `ROUGH` the start is a rough one.
+
+    What is fitted to few columns is a start for what is fitted to all: its pictures may be less exact.
+    """
+    length, looked_at = strip.shape[1], strip[:, ::every]
+    target = looked_at.T.ravel().astype(float)
     design = np.empty((14, target.size))
     largest = np.array(LARGEST_STEP)
     largest[[1, 4]] /= length
     settled, scale, damped = False, np.ones(14), np.eye(14)
     rest, weight, noise, height = target, np.ones(target.size), 0.0, 1.0
-    for i in range(STEPS):
-        set_design(pictures(plies, at, _reach(strip)), plies, at, levels, strip.shape[0] // 2, length, design)
+    for i in range(first, STEPS):
+        computed = pictures(plies, at, _reach(strip), computed, tolerance=every)
+        shown = computed.moved_to(at)
+        set_design(shown, plies, at, levels, strip.shape[0] // 2, length, every, design)
         rest = target - levels @ design[:7]
         above = np.abs(levels[3:] @ design[3:7])
         height = max(float(above.max()), 1e-9)
         noise, spread = _spread(rest, above, height)
         score = rest / spread
-        # the biweight forgets what is far off, so only once the picture is about right
-        weight = np.maximum(1 - (score / BIWEIGHT) ** 2, 0) ** 2 if i > 1 else 1 / np.maximum(1, np.abs(score) / 2)
+        weight = np.maximum(1 - (score / BIWEIGHT) ** 2, 0) ** 2 if i >= ROUGH else 1 / np.maximum(1, np.abs(score) / 2)
         weighted = design * (weight / spread**2)
         normal = weighted @ design.T
         scale = np.sqrt(np.diag(normal)) + 1e-300
@@ -149,23 +168,25 @@ def fit(strip: Image, plies: int, at: Array, levels: Array) -> Picture:
         moved = float(np.max(np.abs(step[7:]) / largest))
         if not math.isfinite(moved):
             break
-        settled = i > 2 and moved < SETTLED
+        settled = i > ROUGH and moved < SETTLED
         if settled:
             break
         step /= max(1.0, moved)
         at, levels = at + step[7:], levels + step[:7]
         at[5] = np.clip(at[5], math.log(FIRST_BLUR / 4), max(at[2], 0.0))
         at[6] = np.clip(at[6], -FARTHEST, FARTHEST)
-    limited = np.minimum(np.abs(rest), HAIR * height).reshape(length, -1)
-    mean = (rest * weight).reshape(length, -1).sum(axis=0) / np.maximum(weight.reshape(length, -1).sum(axis=0), 1e-9)
+    rows = strip.shape[0]
+    limited, weight = np.minimum(np.abs(rest), HAIR * height), weight.reshape(-1, rows)
+    mean = (rest.reshape(-1, rows) * weight).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
     return Picture(
         at,
         levels,
         squares=float(np.mean(limited**2)) / height**2,
-        explained=_explained(strip, limited, noise),
+        explained=_explained(looked_at, limited, noise),
         share=float(np.mean(weight > 0.2)),
         misfit=math.sqrt(float(np.mean(mean**2))) / height,
         u_radius=math.sqrt(float(np.linalg.inv(damped)[9, 9])) / float(scale[9]) if settled else math.nan,
+        computed=computed,
     )
 
 

@@ -1,10 +1,12 @@
 """Twist of a single yarn in one frame, from the slope of the fibres on its unrolled surface.
 
 At distance w from the axis the surface stands at γ = asin(w/R); there a fibre is the straight line γ = 2πT·x + const.
-The unrolled texture is correlated with itself: C(Δx, Δγ), each Δγ divided by the number of pairs it has in view. At a
-fixed Δx the ridge of C lies at Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres
-about their mean direction, as long as it is even: both only change the ridge's height and width. (At a fixed wave
-number or a fixed Δγ the same scatter would pull the slope.) The twist is the T with the largest sum
+The unrolled texture is correlated with itself: C(Δx, Δγ) is Pearson's coefficient of all pairs of pixels so far apart,
+with the means and variances of the parts of the rows that they are in. At a fixed Δx the ridge of C lies at
+Δγ = 2πT·Δx whatever the texture's spectrum, and whatever the scatter of the fibres about their mean direction, as long
+as it is even: both only change the ridge's height and width. (At a fixed wave number or a fixed Δγ the same scatter
+would pull the slope, and with the means of whole rows broad fibres of little twist would.) The twist is the T with the
+largest sum
 
     Q(T) = Σ_Δx C(Δx, 2πT·Δx),   Δx from 4 px to 4 diameters.
 
@@ -35,9 +37,11 @@ from models.compiled import compiled, inner
 from pipeline.measure.axis import YarnAxis
 from pipeline.measure.lines import Image, Pixels, step_across, unrolled
 from pipeline.measure.lit import level, places_of
+from pipeline.measure.profile import dot, total
 from pipeline.records import Array
 
 Indices = NDArray[np.intp]
+Spectra = NDArray[np.complex64]
 
 MIN_DIAMETER = 20.0
 MAX_BLUR = 0.15
@@ -62,7 +66,9 @@ FARTHEST = 4.0
 LAGS = 32
 """Number of Δx used."""
 GRID = 8
-"""Step of the longest Δx and of the transforms' lengths [columns of two]: frames of about one size share tables."""
+"""Step of the longest Δx [columns of two]: frames of about one size share tables."""
+VECTOR = 32
+"""Step of the transforms' lengths [columns of two]: half as many waves, and one, fill vector registers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +95,16 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     if axis.blur > limit:
         found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)
-    texture = unroll(image, axis)
-    if not np.any(texture):
-        return FrameTwist(math.nan, 0.0, 0.0, "the yarn shows no texture")
     # fibres are longer than wide: half as many places along the axis will do
-    texture, step = _halved(texture), 2 / step_across(axis.angle)
-    farthest = min(GRID * round(FARTHEST * axis.diameter / step / GRID), GRID * (texture.shape[1] // (2 * GRID)))
+    texture, step = halved(image, axis), 2 / step_across(axis.angle)
+    farthest = GRID * min(round(FARTHEST * axis.diameter / step / GRID), texture.shape[1] // (2 * GRID))
     lags = _lags(max(farthest, NEAREST + 1))
-    reach = 3 * texture.shape[0] // 4
-    slope, contrast, coherence = _search(_correlation(texture, lags, reach), step * lags.astype(float))
+    spectra = _spectra(texture, lags)
+    harmonics = _harmonics(spectra.shape[1], int(lags[-1]))
+    slope, contrast, coherence = _ridge(texture, spectra, *harmonics, lags, step)
     if not slope:
-        return FrameTwist(math.nan, 0.0, 0.0, "no inclined fibres stand out")
+        found = "no inclined fibres stand out" if np.any(texture) else "the yarn shows no texture"
+        return FrameTwist(math.nan, 0.0, 0.0, found)
     if not coherence:
         return FrameTwist(math.nan, 0.0, contrast, "the fibres leave the view within a few pixels")
     twist = slope / (2 * math.pi * radius)
@@ -114,39 +119,61 @@ def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     return FrameTwist(math.nan if reason else twist, coherence, contrast, reason)
 
 
+@compiled
 def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     """Resample the face of the yarn on its unrolled surface.
 
     Returns
     -------
-    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its
-    quadratic trend along x and with unit variance.
+    Shape (rows, columns): rows are 1/R apart in γ, columns 1/`step_across` along the axis; each row without its mean
+    and with unit variance, all without the quadratic trend along x that they have in common: light falls off along the
+    yarn on all rows alike. Each row's own trend is mostly fibres; taken off, it would let the steeper ones stand out.
     """
     radius = axis.diameter / 2
     count = max(1, math.floor(math.asin(max(0.0, min(WIDEST, 1 - EDGE * axis.blur / radius))) * radius))
     gamma = np.arange(-count, count + 1) / radius
     bright = level(gamma, axis.light, axis.shade)
-    gamma = gamma[bright >= DARKEST * bright.max()]
-    across = places_of(gamma, radius, axis.blur, axis.light, axis.shade)
+    across = places_of(gamma[bright >= DARKEST * bright.max()], radius, axis.blur, axis.light, axis.shade)
     count = max(1, math.floor(axis.length * step_across(axis.angle)))
-    texture = unrolled(image, *axis.centre, axis.angle, across, count)
-    trend = _trend(count)
-    texture -= (texture @ trend) @ trend.T
-    spread = np.sqrt(np.einsum("ij,ij->i", texture, texture) / count)[:, None]
-    texture /= np.where(spread > 0, spread, 1)
+    texture = unrolled(image, axis.centre[0], axis.centre[1], axis.angle, across, count)
+    _flatten(texture)
     return texture
 
 
-def _halved(texture: Image) -> Image:
-    """Return the mean of each two columns; the last of an odd number is left out."""
-    count = texture.shape[1] // 2
-    return 0.5 * (texture[:, : 2 * count : 2] + texture[:, 1 : 2 * count : 2])
+@inner
+def _flatten(texture: Image) -> None:
+    """Take from each row its mean, give it unit variance, and take from all the trend that they share, in place."""
+    columns = texture.shape[1]
+    shared = np.zeros(columns, np.float32)
+    for i in range(texture.shape[0]):
+        row = texture[i]
+        row -= np.float32(total(row) / columns)
+        spread = np.float32(math.sqrt(dot(row, row) / columns))
+        if spread > 0:
+            row /= spread
+        for k in range(columns):
+            shared[k] += row[k]
+    place = ((np.arange(columns) - (columns - 1) / 2) / columns).astype(np.float32)
+    bend = place * place - np.mean(place * place)
+    trend = np.zeros(columns, np.float32)
+    for one in (np.ones(columns, np.float32), place, bend):
+        trend += one * np.float32(dot(shared, one) / max(dot(one, one), 1e-30) / texture.shape[0])
+    for i in range(texture.shape[0]):
+        row = texture[i]
+        for k in range(columns):
+            row[k] -= trend[k]
 
 
-@lru_cache(maxsize=64)
-def _trend(columns: int) -> Image:
-    """Return an orthonormal basis of quadratics, shape (columns, 3)."""
-    return np.linalg.qr(np.vander(np.linspace(-1, 1, columns), 3))[0].astype(np.float32)
+@compiled
+def halved(image: Image | Pixels, axis: YarnAxis) -> Image:
+    """Return the unrolled surface as the mean of each two columns; the last of an odd number is left out."""
+    texture = unroll(image, axis)
+    half = np.empty((texture.shape[0], texture.shape[1] // 2), np.float32)
+    for i in range(half.shape[0]):
+        row, means = texture[i], half[i]
+        for k in range(means.size):
+            means[k] = np.float32(0.5) * (row[2 * k] + row[2 * k + 1])
+    return half
 
 
 @lru_cache(maxsize=16)
@@ -154,42 +181,40 @@ def _lags(farthest: int) -> Indices:
     return np.unique(np.linspace(NEAREST, farthest, LAGS).astype(np.intp))
 
 
+def _spectra(texture: Image, lags: Indices) -> Spectra:
+    """Return the transforms of the rows along x, long enough for the lags, shape (rows, waves)."""
+    places = texture.shape[1] + int(lags[-1])
+    length = VECTOR * scipy.fft.next_fast_len(math.ceil(places / VECTOR), real=True)
+    return scipy.fft.rfft(texture, length, axis=1)
+
+
 @lru_cache(maxsize=16)
-def _harmonics(length: int, farthest: int) -> tuple[Image, Image]:
-    """Return the real inverse transform of `length` samples at the lags alone: its cosines and its sines."""
-    angle = 2 * math.pi / length * np.outer(np.arange(length // 2 + 1), _lags(farthest))
+def _harmonics(waves: int, farthest: int) -> tuple[Image, Image]:
+    """Return what transforms an even number of samples back at `_lags` alone: cosines and sines, (waves, lags)."""
+    angle = math.pi / (waves - 1) * np.outer(np.arange(waves), _lags(farthest))
     # of each pair of conjugate wave numbers one is held, of 0 and the middle one there is no pair
-    single = (np.arange(length // 2 + 1) % (length / 2) == 0)[:, None]
-    weight = np.where(single, 1, 2) / length
+    weight = np.full((waves, 1), 1 / (waves - 1))
+    weight[[0, -1]] /= 2
     return (weight * np.cos(angle)).astype(np.float32), (weight * np.sin(angle)).astype(np.float32)
 
 
-def _correlation(texture: Image, lags: Indices, reach: int) -> Array:
+@compiled
+def _correlation(texture: Image, spectra: Spectra, cosines: Image, sines: Image, lags: Indices) -> Array:
     """Return C at Δγ from −reach to reach rows and Δx in `lags` [columns], shape (2 reach + 1, lags).
 
     By transforms along x, where both texture and lags are long, and by sums over pairs of rows in γ, where they are
-    short; of the transform back only the lags wanted are computed.
-    """
-    rows, columns = texture.shape
-    farthest = int(lags[-1])
-    length = scipy.fft.next_fast_len(GRID * math.ceil((columns + farthest) / GRID), real=True)
-    even, odd = _cross_spectra(scipy.fft.rfft(texture, length, axis=1), reach)
-    cosines, sines = _harmonics(length, farthest)
-    even, odd = even @ cosines, odd @ sines
-    pairs = np.outer(rows - np.abs(np.arange(-reach, reach + 1)), columns - lags)
-    # −Δγ at Δx is Δγ at −Δx, where the sines change sign
-    return np.concatenate([(even + odd)[:0:-1], even - odd]) / pairs
-
-
-@compiled
-def _cross_spectra(spectra: NDArray[np.complex64], reach: int) -> tuple[Image, Image]:
-    """Return Σ_r S_r* S_{r+d} of the rows' spectra S for d = 0 … reach: real and imaginary parts, (reach + 1, waves).
+    short; of the transform back only the lags wanted are computed. What is even in Δx comes from the real part of
+    Σ_r S_r* S_{r+d}, what is odd from the imaginary part.
 
     Parameters
     ----------
-    spectra : shape (rows, waves), more rows than `reach`.
+    texture : shape (rows, columns); `reach` is three quarters of its rows.
+    spectra : S, see `_spectra`.
+    cosines, sines : see `_harmonics`.
+    lags : ascending.
     """
     rows, waves = spectra.shape
+    reach = 3 * rows // 4
     re, im = spectra.real.copy(), spectra.imag.copy()
     even, odd = np.zeros((reach + 1, waves), np.float32), np.zeros((reach + 1, waves), np.float32)
     for d in range(reach + 1):
@@ -199,10 +224,71 @@ def _cross_spectra(spectra: NDArray[np.complex64], reach: int) -> tuple[Image, I
             for k in range(waves):
                 into_even[k] += a[k] * c[k] + b[k] * e[k]
                 into_odd[k] += a[k] * e[k] - b[k] * c[k]
-    return even, odd
+    even, odd = even @ cosines, odd @ sines
+    products = np.empty((2 * reach + 1, lags.size), np.float32)
+    for d in range(reach + 1):
+        for j in range(lags.size):
+            # −Δγ at Δx is Δγ at −Δx, where the sines change sign
+            products[reach + d, j] = even[d, j] - odd[d, j]
+            products[reach - d, j] = even[d, j] + odd[d, j]
+    return coefficients(products, texture, lags)
 
 
 @compiled
+def coefficients(products: Image, texture: Image, lags: Indices) -> Array:
+    """Return Pearson's coefficients from the sums of products of all pairs in view, shape (2 reach + 1, lags).
+
+    Parameters
+    ----------
+    products : shape (2 reach + 1, lags), as what is returned.
+    texture, lags : see `_correlation`.
+    """
+    rows, columns = texture.shape
+    reach, count = products.shape[0] // 2, lags.size
+    # of the part of each row that the first, and that the second pixel of the pairs is in: sums, and squares of what
+    # is off the mean, these summed over the rows before
+    firsts, seconds = np.empty((rows, count)), np.empty((rows, count))
+    first_squares, second_squares = np.zeros((rows + 1, count)), np.zeros((rows + 1, count))
+    for i in range(rows):
+        row, at = texture[i], 0
+        first, square = float(total(row)), float(dot(row, row))
+        second, second_square = first, square
+        for k in range(count):
+            for j in range(at, lags[k]):
+                head, tail = row[j], row[columns - 1 - j]
+                first, second = first - tail, second - head
+                square, second_square = square - tail * tail, second_square - head * head
+            at = lags[k]
+            pairs = columns - at
+            firsts[i, k], seconds[i, k] = first, second
+            first_squares[i + 1, k] = first_squares[i, k] + square - first * first / pairs
+            second_squares[i + 1, k] = second_squares[i, k] + second_square - second * second / pairs
+    result = np.empty(products.shape)
+    means = np.empty(count)
+    for d in range(-reach, reach + 1):
+        low, high = max(0, -d), min(rows, rows - d)
+        means[:] = 0
+        for i in range(low, high):
+            one, other = firsts[i], seconds[i + d]
+            for k in range(count):
+                means[k] += one[k] * other[k]
+        for k in range(count):
+            one_square = first_squares[high, k] - first_squares[low, k]
+            other_square = second_squares[high + d, k] - second_squares[low + d, k]
+            excess = products[d + reach, k] - means[k] / (columns - lags[k])
+            result[d + reach, k] = excess / math.sqrt(max(one_square * other_square, 1e-30))
+    return result
+
+
+@compiled
+def _ridge(
+    texture: Image, spectra: Spectra, cosines: Image, sines: Image, lags: Indices, step: float
+) -> tuple[float, float, float]:
+    """Return what `_search` does, for columns `step` px apart."""
+    return _search(_correlation(texture, spectra, cosines, sines, lags), step * lags.astype(np.float64))
+
+
+@inner
 def _search(correlation: Array, lags: Array) -> tuple[float, float, float]:
     """Return the slope tan β with the largest Q, its contrast and its coherence, see `FrameTwist`.
 
@@ -211,7 +297,8 @@ def _search(correlation: Array, lags: Array) -> tuple[float, float, float]:
 
     Parameters
     ----------
-    correlation : C at Δγ from −reach to reach rows and Δx in `lags` [px], shape (2 reach + 1, lags).
+    correlation : see `_correlation`.
+    lags : its Δx [px].
     """
     ridges, reach = _spline(correlation), correlation.shape[0] // 2
     scores = _stack(ridges, SIGNED_SLOPES, lags)

@@ -39,9 +39,10 @@ from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
-from pipeline.measure.plied import YarnFound, plied_yarn
+from pipeline.measure.plied import YarnFound, followed_plied, plied_yarn
 from pipeline.measure.recurrence import Recurrence, recurrence
 from pipeline.measure.rotation import helix_turn
+from pipeline.measure.scatter import Face, face
 from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, surface_twist
@@ -74,8 +75,9 @@ round nor straight is the edge of something else or no thing at all, and its ang
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
-"""Frames of a clip, at least, that hairs are counted in and fibres looked for a full turn on: neighbouring frames show
-the same ones."""
+"""Frames of a clip, at least, that hairs are counted in: neighbouring frames show the same ones."""
+SCATTERED = 60
+"""Frames of a clip, about, whose fibres' scatter is looked at, and which are looked at for a full turn."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
 
@@ -101,7 +103,8 @@ class _Frame:
     """[1/px]; NaN where not counted."""
     turn: float = math.nan
     """Turn of the helix until the next frame [rad]; NaN where not resolved or not looked at."""
-    recurrence: Recurrence | None = None
+    face: tuple[Face, Recurrence | None] | None = None
+    """The unrolled surface, and where its fibres return; None where not looked at."""
     doubt: str = ""
     """Why the diameter is not credible."""
     reduced: NDArray[np.uint8] | None = None
@@ -118,7 +121,7 @@ class _Clip:
         self.reasons, self.doubts = Counter[str](), Counter[str]()
         self.images: dict[int, NDArray[np.uint8]] = {}
         self.misfits: list[float] = []
-        self.recurrences: list[Recurrence] = []
+        self.faces: list[tuple[Face, Recurrence | None]] = []
 
     def put(self, i: int, found: _Frame) -> None:
         """Take over frame i."""
@@ -128,8 +131,8 @@ class _Clip:
         axis = found.axis
         self.centre[i], self.angle[i], self.twist[i] = axis.centre, axis.angle, found.twist.per_pixel
         self.hairs[i], self.turn[i] = found.hairs, found.turn
-        if found.recurrence is not None:
-            self.recurrences.append(found.recurrence)
+        if found.face is not None:
+            self.faces.append(found.face)
         if found.doubt:
             self.doubts[found.doubt] += 1
         else:
@@ -156,7 +159,9 @@ class _Wanted:
     shots: set[int]
     """Those that go on the contact sheet."""
     counted: set[int]
-    """Those whose hairs are counted, and whose fibres are looked for a full turn on."""
+    """Those whose hairs are counted."""
+    unrolled: set[int]
+    """Those whose fibres' scatter is looked at, and which are looked at for a full turn."""
     pairs: NDArray[np.bool_]
     """Whether the turn until the next frame is looked at, shape (frames,)."""
 
@@ -196,7 +201,7 @@ def measure_yarn(
         found.put(i, frame)
     found.drop_chance_diameters()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
-    whole = clip_twist(found.twist, np.isfinite(angle), found.recurrences, method)
+    whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method)
     if whole.other_hand:
         reasons[whole.reason] += whole.other_hand
     flag[np.isfinite(angle) & np.isnan(whole.per_pixel)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
@@ -209,7 +214,8 @@ def measure_yarn(
     kept = (flag & FrameFlag.OUTLIER) == 0
     # what the profile's model leaves unexplained counts against the diameter
     misfit = float(np.median(found.misfits or [0.0]))
-    relative_u = {"diameter": math.hypot(METHOD_U_DIAMETER[method], misfit), "twist": whole.relative_u}
+    u_diameter = math.hypot(METHOD_U_DIAMETER[method], misfit)
+    relative_u = {"diameter": {"method": u_diameter}, "twist": whole.relative_u}
     series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
     summary = _summary(series, kept, scale, relative_u)
     if cylinder_axis is None:
@@ -307,7 +313,7 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
     """Yield what is found in each frame, in order; at most `threads` + 2 chunks are under way at a time."""
     n = len(video.frames)
     shots = set(np.linspace(0, n - 1, THUMBNAILS).round().astype(int).tolist())
-    looked_at, spaced = _looked_at(n), max(1, n // COUNTED)
+    looked_at, spaced = _looked_at(n), (max(1, n // COUNTED), max(1, n // SCATTERED))
     read = _locked(video.frames)
     with _one_thread_each(), ThreadPoolExecutor(threads) as pool:
         running: deque[Future[list[_Frame]]] = deque()
@@ -316,8 +322,8 @@ def _measure_frames(video: RawVideo, method: str, plies: int, threads: int) -> I
             frames = map(read, places)
             if video.sequential:
                 frames = iter([*frames])
-            counted = {i - start for i in places if i % spaced == 0}
-            wanted = _Wanted({i - start for i in shots}, counted, looked_at[start : start + CHUNK])
+            counted, unrolled = ({i - start for i in places if i % every == 0} for every in spaced)
+            wanted = _Wanted({i - start for i in shots}, counted, unrolled, looked_at[start : start + CHUNK])
             running.append(pool.submit(_measure_chunk, frames, video.bits, method, plies, wanted))
             if len(running) > threads:
                 yield from running.popleft().result()
@@ -402,8 +408,11 @@ def _measure_chunk(
             found.append(_Frame(FrameFlag.UNREADABLE))
             continue
         where = followed if followed is None or before is None else expected(followed, before)
-        followed, before = find_axis(frame, where), followed
-        yarn = None if followed is None else _yarn(frame, followed, method, plies, picture)
+        before = followed
+        yarn = None if where is None or picture is None else followed_plied(frame, where, plies, picture)
+        followed = find_axis(frame, where) if yarn is None else yarn.axis
+        if yarn is None and followed is not None:
+            yarn = _yarn(frame, followed, method, plies, picture)
         picture = None if yarn is None else yarn.picture
         if yarn is None or yarn.axis is None:
             found.append(_Frame(FrameFlag.NO_YARN))
@@ -420,11 +429,12 @@ def _measure_chunk(
         if wanted.pairs[i] and math.isfinite(twist.per_pixel) and not doubt:
             seen = frame, axis, twist.per_pixel
         crossings = hairiness(frame, axis) if i in wanted.counted else math.nan
-        again = None
-        if method == "surface" and i in wanted.counted and math.isfinite(twist.per_pixel):
-            again = recurrence(frame, axis, twist.per_pixel)
+        surface = None
+        if method == "surface" and i in wanted.unrolled and math.isfinite(twist.per_pixel):
+            seen_face = face(frame, axis)
+            surface = seen_face, recurrence(seen_face, twist.per_pixel)
         reduced = _reduced(frame) if i in wanted.shots else None
-        found.append(_Frame(flag, axis, twist, crossings, recurrence=again, doubt=doubt, reduced=reduced))
+        found.append(_Frame(flag, axis, twist, crossings, face=surface, doubt=doubt, reduced=reduced))
     return found
 
 
@@ -486,7 +496,7 @@ def _unwrapped(angles: Array) -> Array:
 
 
 def _summary(
-    series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale, relative_u: Mapping[str, float]
+    series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale, relative_u: Mapping[str, Mapping[str, float]]
 ) -> dict[str, Estimate]:
     dropped = int(np.count_nonzero(~kept))
     left_out = [f"{dropped} outlying frames left out"] if dropped else []
@@ -499,7 +509,7 @@ def _summary(
         else:
             used = np.where(kept, values, np.nan)
             level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
-            terms = {"method": relative_u[name] * level, "scale": scale.relative_u * level}
+            terms = {what: u * level for what, u in {**relative_u[name], "scale": scale.relative_u}.items()}
             notes = left_out + no_scale_u
         estimates[name] = mean_estimate(used, extra_u=terms, reason="; ".join(notes))
     return estimates

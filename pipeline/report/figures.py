@@ -139,7 +139,7 @@ def frame_term(tree: xr.DataTree) -> Figure:
         axes.set_title(q.symbol)
     panels[0].set_ylabel("change of the flexible value (%)")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper left", ncols=2)
+    figure.legend(handles, labels, loc="outside upper left")  # one column: room for the mark of synthetic data
     return figure
 
 

@@ -82,10 +82,6 @@ def build(tree: xr.DataTree) -> NotebookNode:
     )  # fmt: skip
     call("HTML(tables.speed_html(tree))")
     call('figures.show(figures.error_against_speed(tree), "error_against_speed")')
-    heading(
-        2, "contact", "Along the contact",
-        "What each model says happens to the yarn while it lies on the cylinder, and the path that it takes over it.",
-    )  # fmt: skip
     if set(figures.FRAME_TERM_MODELS) <= set(tables.models(tree)):
         heading(
             2, "frame-term", "What bending adds, and what the printed equations add",
@@ -93,6 +89,10 @@ def build(tree: xr.DataTree) -> NotebookNode:
             "(B − K)κτ² in the balance of forces, which acts as extra tension.",
         )  # fmt: skip
         call('figures.show(figures.frame_term(tree), "frame_term")')
+    heading(
+        2, "contact", "Along the contact",
+        "What each model says happens to the yarn while it lies on the cylinder, and the path that it takes over it.",
+    )  # fmt: skip
     names = _file_names(tables.cases(tree))
     for case, name in names.items():
         if any("theta" in node for node in tree[f"profiles/{case}"].children.values()):

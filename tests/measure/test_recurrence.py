@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from yarn_frames import clip
 
-from pipeline.measure.clip_twist import METHOD_U, U_DEPTH, U_RECURRENCE
+from pipeline.measure.clip_twist import U_DEPTH, U_TURN
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import Scale
 
@@ -56,11 +56,13 @@ def measured(images: list[NDArray[np.uint16]]):
 def test_fibres_below_the_outline_by_their_return_after_a_full_turn(twist: float) -> None:
     found = measured([bundle(twist, 0.7 * i) for i in range(6)])
     assert found.mean == pytest.approx(twist, rel=0.01)
-    assert found.u_terms["method"] == pytest.approx(U_RECURRENCE * abs(found.mean))
+    assert found.u_terms["method"] == pytest.approx(U_TURN * abs(found.mean))
+    assert "depth" not in found.u_terms
+    assert abs(found.mean - twist) <= 3 * found.u < 0.03 * abs(twist)
 
 
 def test_without_a_return_the_slope_is_all_there_is() -> None:
     found = measured([bundle(1 / 250, 0.7 * i, length=100.0, seed=i) for i in range(6)])
     assert found.mean == pytest.approx(1 / 250, rel=0.2)
-    assert found.u_terms["method"] == pytest.approx(math.hypot(U_DEPTH, METHOD_U["surface"]) * found.mean)
+    assert found.u_terms["depth"] == pytest.approx(U_DEPTH * found.mean)
     assert abs(found.mean - 1 / 250) <= 2 * found.u

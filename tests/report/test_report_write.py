@@ -142,6 +142,14 @@ def test_the_page_is_one_file_in_good_order(report):
     assert "<strong>SYNTHETIC.</strong>" in html
 
 
+def test_the_cases_curves_stand_under_along_the_contact(report):
+    html = (report / "report.html").read_text(encoding="utf-8")
+    sections = re.split("<h2", html)
+    contact = next(section for section in sections if section.partition(">")[2].startswith("Along the contact"))
+    for case in report_study.MEASURED:
+        assert f'id="contact-{case}"' in contact
+
+
 def test_a_second_report_replaces_the_first_whole_and_alike(report, results, tmp_path):
     folder = tmp_path / "made-up"
     earlier(folder)
