@@ -38,9 +38,11 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     if perhaps_several(vector) and len(find_roots(vector).w) > 1:
         return None
     if model == kirchhoff_spans.NAME:
-        elastic = kirchhoff_spans.find(scene.dimensionless())
+        elastic, _ = kirchhoff_spans.find(scene)
+        if not (isinstance(elastic, Refined) and outcome(elastic, scene)[0].ok):
+            return None
         kind, orders, at_B = kirchhoff_spans.Spans, kirchhoff_spans.ORDERS, kirchhoff_spans.ends
-        return _collocated(scene, vector, elastic, kind, orders, at_B) if outcome(elastic, scene)[0].ok else None
+        return _collocated(scene, vector, elastic, kind, orders, at_B)
     if model in (flexible.NAME, capstan.NAME):
         found = flexible.find(vector, flexible.integration_matrices())
         return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
