@@ -181,7 +181,7 @@ def _possible(fields: Array) -> bool:
 
 
 def _defect(scene: Dimensionless, found: Refined) -> float:
-    """Largest residual between the collocation points: of θ_s, λ θ_ss, and of forces relative to the largest tension."""
+    """Largest residual between the collocation points: of θ_s, of λ θ_ss, of forces relative to the largest tension."""
     values = _arguments(scene, found)
     left_over, _ = linearised(Spans(scene.vector), np.ascontiguousarray(values.T), found.w, len(ORDERS))
     scale = np.array([1.0, np.sqrt(scene.bending_rigidity / scene.tension_CD), 1.0, 1.0])
