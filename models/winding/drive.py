@@ -2,6 +2,13 @@
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
+from models.compiled import compiled, inner
+
+Array = NDArray[np.float64]
+
 
 def travel(time: float, speed: float, rise: float, slope: float) -> tuple[float, float]:
     """Distance [m] and speed [m/s] at `time`: a half-cosine start of duration `rise` [s], then V + slope (t − rise)."""
@@ -32,3 +39,25 @@ def traverse(phase: float, reversal: float) -> tuple[float, float]:
     else:
         z, slope = -0.5 + steep * (p - half / 2), steep
     return z, -slope if back else slope
+
+
+_travel = inner(travel)
+_traverse = inner(traverse)
+
+
+@compiled
+def travels(time: Array, speed: float, rise: float, slope: float) -> Array:
+    """Distances [m] of `travel` at the times [s], shape (n,)."""
+    found = np.empty(time.size)
+    for i in range(time.size):
+        found[i] = _travel(time[i], speed, rise, slope)[0]
+    return found
+
+
+@compiled
+def traverses(phase: Array, reversal: float) -> Array:
+    """Positions of `traverse` at the phases [cycles], shape (n,)."""
+    found = np.empty(phase.size)
+    for i in range(phase.size):
+        found[i] = _traverse(phase[i], reversal)[0]
+    return found

@@ -7,94 +7,161 @@ that rest is its minimum.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled, inner
 from models.winding.contact import HARDENED, hardening
+from models.winding.crossings import find_crossings
+from models.winding.landing import sunk_share
+from models.winding.scene import WindingScene
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-SUNK = 0.75
-"""Share of the sinking into the bobbin that happens before the yarn is held: while it lands, the span still draws slack
-out of it. From the reference mode (2 mm): a soft loop that would keep 0.53 of its tension if held at first touch
-keeps 0.88."""
+Records = Any
+"""Arrays of records: compiled code reads their fields as attributes, of which type checkers know nothing."""
 
 
 class Yarn(NamedTuple):
-    """What the compiled functions need to know of the scene, SI."""
+    """What the compiled functions need to know of the yarn, SI."""
 
     axial: float
-    bending: float
+    """EA [N]."""
     diameter: float
-    surface: float
-    """K_t [N/m²]."""
+    sunk: float
+    """Share of its sinking into the bobbin after which a landing yarn is held (`landing.py`)."""
+
+
+NODE = np.dtype([(name, np.float64) for name in ("radius", "rise", "bending", "surface", "hold", "relaxed")])
+"""A node k and the element from it to node k + 1: what is read together lies together in memory.
+
+radius : of the centre line where the yarn just touches the bobbin [m].
+rise : (z_{k+1} − z_k)² [m²].
+bending : B/s³ [N/m], s the way round the bobbin from node to node.
+surface : K_t s [N/m].
+hold : EA over the element's natural length [N/m], 0 until laid.
+relaxed : strain taken by its Prony branches.
+"""
+CROSSING = np.dtype(
+    [
+        ("other", np.int64),
+        ("twin", np.int64),
+        ("own_at", np.float64),
+        ("other_at", np.float64),
+        ("stiffness", np.float64),
+    ]
+)
+"""A crossing as one of its two elements sees it.
+
+other : the other element.
+twin : the same crossing as the other element sees it.
+own_at, other_at : its place on them, 0 to 1.
+stiffness : at first touch [N/m].
+"""
+NEAR = np.dtype([("low", np.int64), ("high", np.int64)])
+"""Of an element's crossings those from `low` to `high` − 1 may touch: all others are further apart than `MARGIN`."""
+MARGIN = 1.0
+"""Distance of two yarns beyond touching, over the diameter, at which they may touch before the next `look_around`."""
 
 
 class Package(NamedTuple):
-    """Laid nodes, arrays of shape (n,), and crossings, (m,). Element k joins nodes k and k + 1."""
+    """Laid nodes and their crossings. Element k joins nodes k and k + 1."""
 
-    angle_step: float
-    cosine: float
-    """Of that step."""
-    radius: Array
-    """Of the centre line where the yarn just touches the bobbin [m]."""
-    z: Array
+    chord: float
+    """2 (1 − cos Δθ), Δθ the bobbin's angle from node to node."""
     height: Array
-    """Above `radius` [m]."""
-    natural: Array
-    """Natural length of the element [m], 0 until laid."""
-    relaxed: Array
-    """Strain taken by the Prony branches."""
-    below: Integers
-    """Element crossed by element `above`, sorted by `above`, shape (m,)."""
-    above: Integers
-    below_at: Array
-    """Place of the crossing on the element, 0 to 1."""
-    above_at: Array
-    stiffness: Array
-    """[N/m]."""
-    first_above: Integers
-    """Crossings of element k from above are first_above[k] … first_above[k + 1] − 1, shape (n + 1,)."""
-    order_below: Integers
-    """Crossings sorted by `below`, shape (m,)."""
-    first_below: Integers
+    """Of each node above its `radius` [m], shape (n,)."""
+    node: Records
+    """Of `NODE`, shape (n,)."""
+    first: Integers
+    """Crossings of element k are first[k] … first[k + 1] − 1, in the order of the other element, shape (n + 1,)."""
+    crossing: Records
+    """Of `CROSSING`; each stands with both its elements."""
+    near: Records
+    """Of `NEAR`, shape (n,)."""
 
 
 class Laying(NamedTuple):
-    """What is laid, and how."""
+    """How much is laid."""
 
     laid: int
     """Nodes there."""
-    fresh: int
-    """Nodes from here on are being laid, with only `SUNK` of the bobbin's yielding."""
     pull: float
     """Tension of elements without a natural length [N]."""
 
 
-@inner
-def length_of(p: Package, k: int) -> float:
-    """Length of element k [m]."""
-    a, b = p.radius[k] + p.height[k], p.radius[k + 1] + p.height[k + 1]
-    dz = p.z[k + 1] - p.z[k]
-    return math.sqrt((a - b) * (a - b) + 2 * a * b * (1 - p.cosine) + dz * dz)
+def yarn_of(scene: WindingScene) -> Yarn:
+    """The yarn of `scene`."""
+    return Yarn(scene.axial_stiffness, scene.diameter, sunk_share(scene))
+
+
+def new_package(scene: WindingScene, z: Array, angle_step: float) -> Package:
+    """The package along the path `z` [m], shape (n,), a node every `angle_step`, with its crossings; nothing laid."""
+    n = z.size
+    step = scene.bobbin_radius * angle_step
+    first, crossing = pair_up(*find_crossings(z / step, 2 * math.pi / angle_step), n)
+    around = (scene.bobbin_radius + math.tan(scene.cone_angle) * z) * angle_step
+    node = np.zeros(n, NODE)
+    node["radius"] = around / angle_step + scene.diameter / 2 / math.cos(scene.cone_angle)
+    node["rise"][:-1] = np.diff(z) ** 2
+    node["bending"] = scene.bending_stiffness / around**3
+    node["surface"] = scene.transverse_stiffness * around
+    lean = np.arctan(np.diff(z, append=z[-1]) / step)
+    angle = np.abs(lean[crossing["other"]] - np.repeat(lean, np.diff(first)))
+    contact = np.minimum(scene.diameter / np.maximum(np.sin(angle), 1e-9), scene.element_length)
+    crossing["stiffness"] = scene.transverse_stiffness * contact / 2
+    near = np.zeros(n, NEAR)
+    near["low"], near["high"] = first[:-1], first[:-1]
+    return Package(2 * (1 - math.cos(angle_step)), np.zeros(n), node, first, crossing, near)
+
+
+@compiled
+def pair_up(below: Integers, above: Integers, below_at: Array, above_at: Array, n: int) -> tuple[Integers, Records]:
+    """`first` and `crossing` of a package of n nodes, without stiffness, from crossings in the order of `above`."""
+    order = np.arange(below.size)
+    for c in range(1, below.size):  # by `below` where `above` is the same
+        k = c
+        while k > 0 and above[order[k - 1]] == above[order[k]] and below[order[k - 1]] > below[order[k]]:
+            order[k - 1], order[k] = order[k], order[k - 1]
+            k -= 1
+    first = np.zeros(n + 1, np.int64)
+    for c in range(below.size):
+        first[below[c] + 1] += 1
+        first[above[c] + 1] += 1
+    for k in range(n):
+        first[k + 1] += first[k]
+    crossing: Records = np.empty(2 * below.size, CROSSING)
+    free = first.copy()
+    for c in order:
+        i, k = below[c], above[c]
+        p, q = free[i], free[k]
+        free[i] += 1
+        free[k] += 1
+        crossing[p].other, crossing[p].twin = k, q
+        crossing[p].own_at, crossing[p].other_at = below_at[c], above_at[c]
+        crossing[q].other, crossing[q].twin = i, p
+        crossing[q].own_at, crossing[q].other_at = above_at[c], below_at[c]
+    return first, crossing
 
 
 @inner
-def _lean(p: Package, k: int, other: int, length: float) -> float:
-    """∂ length / ∂ radius of node k, for the element to node `other`."""
-    return (p.radius[k] + p.height[k] - (p.radius[other] + p.height[other]) * p.cosine) / length
+def length_of(p: Package, k: int, share: float) -> float:
+    """Length of element k [m], had its nodes sunk into the bobbin by `share` of what they have."""
+    a, b = p.height[k], p.height[k + 1]
+    a = p.node[k].radius + (a if a > 0 else share * a)
+    b = p.node[k + 1].radius + (b if b > 0 else share * b)
+    return math.sqrt((a - b) * (a - b) + p.chord * a * b + p.node[k].rise)
 
 
 @inner
-def approach(p: Package, c: int, diameter: float) -> float:
-    """Approach of the two yarns of crossing c beyond touching [m]."""
-    i, k, s, t = p.below[c], p.above[c], p.below_at[c], p.above_at[c]
-    upper = (1 - t) * p.height[k] + t * p.height[k + 1]
-    return (1 - s) * p.height[i] + s * p.height[i + 1] + diameter - upper
+def approach(p: Package, e: int, q: int, diameter: float) -> float:
+    """Approach of the two yarns of crossing q of element e beyond touching [m]."""
+    c = p.crossing[q]
+    s, t, o = c.own_at, c.other_at, c.other
+    above = (1 - s) * p.height[e] + s * p.height[e + 1] - (1 - t) * p.height[o] - t * p.height[o + 1]
+    return diameter - above if o < e else diameter + above
 
 
 @inner
@@ -102,6 +169,27 @@ def press(x: float) -> tuple[float, float]:
     """Force of one yarn on another over k d, and its slope, at the approach x d; see `contact.hardening`."""
     y = min(x, HARDENED)
     return hardening(x)[0], 1 / (1 - y) ** 2
+
+
+@inner
+def _pulled(p: Package, yarn: Yarn, now: Laying, e: int, here: float, there: float) -> tuple[float, float, float]:
+    """Element e at its end at the radius `here`, the other at `there` [m]: tension times ∂l/∂here, second derivatives
+    of its energy in `here`, and in `here` and `there`.
+
+    Slack softens: |T| is taken instead of T, so that all together stays a minimum's.
+    """
+    element, half = p.node[e], p.chord / 2
+    length = math.sqrt((here - there) * (here - there) + p.chord * here * there + element.rise)
+    inverse = 1 / length
+    lean, far = (here - there + half * there) * inverse, (there - here + half * here) * inverse
+    axial = element.hold
+    tension = axial * length - yarn.axial * (1 + element.relaxed) if axial > 0 else now.pull
+    string = abs(tension) * inverse
+    return (
+        tension * lean,
+        axial * lean * lean + string * (1 - lean * lean),
+        axial * lean * far - string * (1 - half + lean * far),
+    )
 
 
 @inner
@@ -113,36 +201,35 @@ def along(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float, fl
     Force outwards [N], stiffness of the node, its coupling to node k + 1, to node k + 2 [N/m].
     """
     force, stiffness, next_one, next_two = 0.0, 0.0, 0.0, 0.0
-    for e in range(max(k - 1, 0), min(k + 1, now.laid - 1)):
-        length = length_of(p, e)
-        other = e if e < k else e + 1
-        lean, far = _lean(p, k, other, length), _lean(p, other, k, length)
-        tension, axial = now.pull, 0.0
-        if p.natural[e] > 0:
-            tension = yarn.axial * (length / p.natural[e] - 1 - p.relaxed[e])
-            axial = yarn.axial / p.natural[e]
-        force -= tension * lean
-        # |T|: a slack element's softening is left out, so that the stiffness stays positive.
-        string = abs(tension) / length
-        stiffness += axial * lean * lean + string * (1 - lean * lean)
-        if e == k:
-            next_one = axial * lean * far - string * (p.cosine + lean * far)
-    h = p.height
-    for j in range(max(k - 1, 1), min(k + 2, now.laid - 1)):
-        bending = yarn.bending / (p.radius[j] * p.angle_step) ** 3
-        arm = -2.0 if j == k else 1.0
-        force -= arm * bending * (h[j - 1] - 2 * h[j] + h[j + 1])
-        stiffness += arm * arm * bending
-        if j >= k:
-            next_one -= 2 * bending
-        if j == k + 1:
-            next_two = bending
+    h, node = p.height, p.node
+    last = now.laid - 1
+    here = node[k].radius + h[k]
+    if k > 0:
+        pulled, own, _ = _pulled(p, yarn, now, k - 1, here, node[k - 1].radius + h[k - 1])
+        force, stiffness = -pulled, own
+    if k < last:
+        pulled, own, next_one = _pulled(p, yarn, now, k, here, node[k + 1].radius + h[k + 1])
+        force -= pulled
+        stiffness += own
+    # Bent at the node before, at this one and at the next.
+    if k > 1:
+        bending = node[k - 1].bending
+        force -= bending * (h[k - 2] - 2 * h[k - 1] + h[k])
+        stiffness += bending
+    if 0 < k < last:
+        bending = node[k].bending
+        force += 2 * bending * (h[k - 1] - 2 * h[k] + h[k + 1])
+        stiffness += 4 * bending
+        next_one -= 2 * bending
+    if k + 1 < last:
+        bending = node[k + 1].bending
+        force -= bending * (h[k] - 2 * h[k + 1] + h[k + 2])
+        stiffness += bending
+        next_one -= 2 * bending
+        next_two = bending
     if h[k] < 0:
-        surface = yarn.surface * p.radius[k] * p.angle_step
-        if k >= now.fresh:
-            surface /= SUNK
-        force -= surface * h[k]
-        stiffness += surface
+        force -= node[k].surface * h[k]
+        stiffness += node[k].surface
     return force, stiffness, next_one, next_two
 
 
@@ -151,36 +238,79 @@ def across(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float]:
     """What the yarns that cross the elements at node k do to it: force outwards [N], stiffness [N/m]."""
     force, stiffness = 0.0, 0.0
     for e in range(max(k - 1, 0), min(k + 1, now.laid - 1)):
-        for c in range(p.first_above[e], p.first_above[e + 1]):
-            depth = approach(p, c, yarn.diameter)
+        for q in range(p.near[e].low, p.near[e].high):
+            c = p.crossing[q]
+            if c.other + 1 >= now.laid:
+                break
+            depth = approach(p, e, q, yarn.diameter)
             if depth > 0:
-                share = float(p.above_at[c] if e < k else 1 - p.above_at[c])
+                share = c.own_at if e < k else 1 - c.own_at
                 push, slope = press(depth / yarn.diameter)
-                force += p.stiffness[c] * yarn.diameter * push * share
-                stiffness += p.stiffness[c] * slope * share * share
-        for q in range(p.first_below[e], p.first_below[e + 1]):
-            c = int(p.order_below[q])
-            if p.above[c] + 1 >= now.laid:
-                continue
-            depth = approach(p, c, yarn.diameter)
-            if depth > 0:
-                share = float(p.below_at[c] if e < k else 1 - p.below_at[c])
-                push, slope = press(depth / yarn.diameter)
-                force -= p.stiffness[c] * yarn.diameter * push * share
-                stiffness += p.stiffness[c] * slope * share * share
+                push *= c.stiffness * yarn.diameter * share
+                force += push if c.other < e else -push
+                stiffness += c.stiffness * slope * share * share
     return force, stiffness
 
 
 @compiled
 def put_on_top(p: Package, diameter: float, start: int, stop: int) -> None:
-    """Heights of nodes start … stop − 1 at which their elements touch, or lie above, all that they cross."""
+    """Heights of nodes start … stop − 1 as of a thread drawn taut over the bobbin and all that they cross.
+
+    A straight line rises over a circle of radius R by s²/2R, so that h − s²/2R is the least concave function that is
+    nowhere below what is crossed.
+    """
+    first = max(start - 1, 0)
     p.height[start:stop] = 0.0
-    for e in range(max(start - 1, 0), stop - 1):
-        for c in range(p.first_above[e], p.first_above[e + 1]):
-            i, s = p.below[c], p.below_at[c]
-            top = (1 - s) * p.height[i] + s * p.height[i + 1] + diameter
+    for e in range(first, stop - 1):
+        for q in range(p.first[e], p.first[e + 1]):
+            o, s = p.crossing[q].other, p.crossing[q].other_at
+            if o > e:
+                break
+            top = (1 - s) * p.height[o] + s * p.height[o + 1] + diameter
             for k in range(max(e, start), e + 2):
                 p.height[k] = max(p.height[k], top)
+    bulge = p.chord * p.node[first].radius / 2
+    line, at = np.empty(stop - first), np.empty(stop - first, np.int64)
+    corners = 0
+    for k in range(first, stop):
+        x = k - first
+        level = p.height[k] - bulge * x * x
+        while corners > 1 and (line[corners - 1] - line[corners - 2]) * (x - at[corners - 1]) <= (
+            level - line[corners - 1]
+        ) * (at[corners - 1] - at[corners - 2]):
+            corners -= 1
+        line[corners], at[corners] = level, x
+        corners += 1
+    for i in range(corners - 1):
+        for x in range(at[i] + 1, at[i + 1]):
+            level = line[i] + (line[i + 1] - line[i]) * (x - at[i]) / (at[i + 1] - at[i])
+            p.height[first + x] = level + bulge * x * x
+    for e in range(first, stop - 1):
+        _look_down(p, diameter, e)
+
+
+@inner
+def _look_down(p: Package, diameter: float, e: int) -> None:
+    """Note which of the yarns below element e may touch it, on both sides."""
+    q = p.first[e]
+    p.near[e].low = q
+    while q < p.first[e + 1] and p.crossing[q].other < e:
+        if approach(p, e, q, diameter) > -MARGIN * diameter:
+            o, twin = p.crossing[q].other, p.crossing[q].twin
+            p.near[o].high = max(p.near[o].high, twin + 1)
+        elif q == p.near[e].low:
+            p.near[e].low = q + 1
+        q += 1
+    p.near[e].high = max(p.near[e].high, q)
+
+
+@compiled
+def look_around(p: Package, diameter: float, laid: int) -> None:
+    """Note anew which of the yarns in a package of so many nodes may touch."""
+    for e in range(laid - 1):
+        p.near[e].high = p.first[e]
+    for e in range(laid - 1):
+        _look_down(p, diameter, e)
 
 
 @compiled
@@ -188,5 +318,5 @@ def element_lengths(p: Package, start: int, stop: int) -> Array:
     """Lengths [m] of elements start … stop − 1."""
     lengths = np.empty(stop - start)
     for k in range(start, stop):
-        lengths[k - start] = length_of(p, k)
+        lengths[k - start] = length_of(p, k, 1.0)
     return lengths

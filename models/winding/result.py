@@ -31,12 +31,16 @@ class Checkpoint(Protocol):
         ...
 
 
+GIVING = 0.05
+"""Approach over the diameter above which a completed run says that its contacts give way."""
+
+
 class WindingOutcome(Enum):
     """How a run ended; the value is the text that tells the user what it means and what to do."""
 
     COMPLETED = "completed"
     TIME_STEP = "the time step is above the limit of stability: choose a smaller one, or leave it out"
-    DIVERGED = "the motion is no longer finite: reduce the time step, lengthen the start, or soften the contact"
+    DIVERGED = "the motion is no longer finite: raise the tension, soften the contact, or shorten the step"
     TAIL_SPENT = "the tail of yarn is used up before the end: lengthen it, or shorten the run"
 
     @property
@@ -116,6 +120,7 @@ class WindingResult:
     """Why this mode."""
     outcome: WindingOutcome
     message: str
+    """Why it failed; of a completed run, what its numbers rest on and a reader may not expect."""
     time: Array = field(default_factory=_none)
     """Sample times [s], shape (m,), 1 ms apart; each sample is the mean since the one before, so nothing aliases."""
     span_tension: Array = field(default_factory=_none)
@@ -131,7 +136,7 @@ class WindingResult:
     energy: EnergyLedger | None = None
     """Reference mode only."""
     penetration_max: float = math.nan
-    """Largest approach of the contacts beyond touching [m], at the end."""
+    """Largest approach of the contacts beyond touching [m], at the end: what the scene's transverse stiffness makes."""
     time_step: float = math.nan
     """[s]; NaN in the fast mode, which takes no time steps."""
     time_step_limit: float = math.nan
@@ -140,3 +145,14 @@ class WindingResult:
     """Elements times time steps computed; in the fast mode visits to nodes."""
     wall_s: float = math.nan
     """Elapsed time of the computation [s], without compilation where it was compiled before."""
+
+
+def giving_said(scene: WindingScene, penetration: float) -> str:
+    """What a completed run says where its contacts approach by more than `GIVING`: the compliance is a declared one."""
+    share = penetration / scene.diameter
+    if not share > GIVING:
+        return ""
+    return (
+        f"the yarn gives way by {100 * share:.1f} % of its diameter where it is pressed hardest: that is the declared "
+        f"transverse stiffness, {scene.transverse_stiffness * 1e-6:g} N/mm²"
+    )

@@ -17,10 +17,39 @@ Mode = Literal["auto", "fast", "reference"]
 Feed = Literal["active", "tail"]
 Wanted = Literal["span", "layers"]
 
-LONGEST = 3600.0
-"""Longest run [s]: its tension is sampled all along."""
-MOST_ELEMENTS = 250_000
-"""Elements of wound yarn, 1 km of 4 mm: the fast mode's time and memory grow at least with them."""
+SHORTEST, LONGEST = 1e-3, 3600.0
+"""Of a run [s]: one sample of its tension, and as many as may be kept."""
+SMALLEST_STEP = 1e-10
+"""Of time [s]: the shortest run then takes ten million steps."""
+MOST_ELEMENTS = 100_000
+"""Elements of wound yarn, 200 m of 2 mm: crossings, and with them memory, grow with their square, to about 0.7 GB."""
+LIMITS = {
+    "linear_density": (1e-8, 1e-2, "kg/m"),
+    "diameter": (1e-6, 1e-2, "m"),
+    "axial_stiffness": (1e-3, 1e6, "N"),
+    "transverse_stiffness": (1e3, 1e12, "N/m²"),
+    "grip_length": (1e-5, 1.0, "m"),
+    "speed": (1e-4, 100.0, "m/s"),
+    "tension": (1e-4, 1e4, "N"),
+    "feed_length": (1e-3, 1e4, "m"),
+    "guide_distance": (1e-3, 100.0, "m"),
+    "feed_memory": (1e-6, 1e6, "s"),
+    "turns_per_cycle": (0.5, 1e3, "turns"),
+    "bobbin_radius": (1e-3, 10.0, "m of radius"),
+    "element_length": (1e-5, 1.0, "m"),
+    "duration": (SHORTEST, LONGEST, "s"),
+}
+"""Far beyond any yarn and winder, but within what can be computed."""
+LARGEST = {
+    "bending_stiffness": (10.0, "N m²"),
+    "contact_damping": (10.0, "times critical"),
+    "friction_static": (10.0, ""),
+    "friction_dynamic": (10.0, ""),
+    "speed_rise": (LONGEST, "s"),
+    "guide_clearance": (1.0, "m"),
+    "guide_friction": (10.0, ""),
+}
+"""The same for what may be 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +80,10 @@ class WindingScene:
     transverse_stiffness: float = 2.4e7
     """K_t [N/m²]: contact force per length of yarn over approach, yarn against a rigid surface. [A] decides the tension
     of the layers. 2.4e7 is stiff (the yarn sinks by 0.2 % of its diameter), 4e5 soft (10 %); calibrate it."""
+    grip_length: float = 4e-3
+    """√(EA/K_g) [m], K_g the stiffness of the bobbin's grip along its surface per length of yarn: over this length of
+    held yarn a change of tension dies out. [P] rough contact, no slip: 0 would be rigid; [A] 4 mm, two of the paper's
+    elements. It decides how much slack the span still draws out of yarn that sinks while it lands."""
     contact_damping: float = 0.2
     """Damping of the transverse contact over critical. [A]."""
     friction_static: float = 0.30
@@ -111,16 +144,12 @@ class WindingScene:
     """What `auto` must answer: the tension between guide and bobbin, or the tension of the layers as well."""
 
     def __post_init__(self) -> None:
-        for name in (
-            "linear_density", "diameter", "axial_stiffness", "transverse_stiffness", "speed", "tension", "feed_length",
-            "guide_distance", "feed_memory", "turns_per_cycle", "bobbin_radius", "duration", "element_length",
-        ):  # fmt: skip
+        for name, (low, high, unit) in LIMITS.items():
             self._require(name, 0.0 < getattr(self, name) < math.inf, "must be greater than 0")
-        for name in (
-            "bending_stiffness", "contact_damping", "friction_static", "friction_dynamic", "speed_rise",
-            "guide_clearance", "guide_friction",
-        ):  # fmt: skip
+            self._require(name, low <= getattr(self, name) <= high, f"must be {low:g} to {high:g} {unit}")
+        for name, (high, unit) in LARGEST.items():
             self._require(name, 0.0 <= getattr(self, name) < math.inf, "must be 0 or greater")
+            self._require(name, getattr(self, name) <= high, f"must be at most {high:g} {unit}".rstrip())
         for name in ("speed_slope", "tension_slope"):
             self._require(name, math.isfinite(getattr(self, name)), "must be a finite number")
         self._require("friction_dynamic", self.friction_dynamic <= self.friction_static, "must not exceed the static")
@@ -132,16 +161,28 @@ class WindingScene:
         self._require("prony_weights", all(g >= 0 for g in weights) and sum(weights) < 1, "must be ≥ 0 with a sum < 1")
         smallest = self.bobbin_radius - math.tan(abs(self.cone_angle)) * self.stroke / 2
         self._require("cone_angle", abs(self.cone_angle) < math.pi / 4 and smallest > 0, "must leave a radius above 0")
-        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, "must leave it above 0")
-        self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, "must leave it above 0")
-        self._require("duration", self.duration <= LONGEST, f"must be at most {LONGEST:g} s")
+        until_end = "must leave it above 0 to the end of the run"
+        self._require("speed_slope", self.speed + self.speed_slope * self.duration > 0, until_end)
+        self._require("tension_slope", self.tension + self.tension_slope * self.duration > 0, until_end)
+        lowest = min(self.tension, self.tension + self.tension_slope * self.duration)
+        flies = self.linear_density * max(self.speed, self.speed + self.speed_slope * self.duration) ** 2
+        self._require("tension", lowest > flies, f"must exceed ρV² = {flies:.3g} N, or the yarn flies off the bobbin")
         elements = self.wound_length / self.element_length
         fits = elements <= MOST_ELEMENTS
         self._require("duration", fits, f"winds {elements:.3g} elements of yarn, at most {MOST_ELEMENTS} are possible")
-        self._require("element_length", self.element_length > self.diameter, f"must exceed d = {self.diameter:g} m")
+        free = self.guide_distance + self.feed_length
+        fits = free <= MOST_ELEMENTS * self.element_length
+        self._require("feed_length", fits, f"{free:g} m of free yarn are more than {MOST_ELEMENTS} elements")
+        self._require("element_length", self.element_length > self.diameter, "must exceed the yarn's diameter")
         self._require("element_length", 4 * self.element_length <= self.guide_distance, "must be ≤ guide_distance / 4")
+        self._require(
+            "element_length", 4 * self.element_length <= smallest, "must be ≤ a quarter of the bobbin's radius"
+        )
         if self.time_step is not None:
             self._require("time_step", 0.0 < self.time_step < math.inf, "must be greater than 0, or None")
+            self._require(
+                "time_step", self.time_step >= SMALLEST_STEP, f"must be at least {SMALLEST_STEP:g} s, or None"
+            )
 
     def _require(self, name: str, holds: bool, right: str) -> None:
         if not holds:

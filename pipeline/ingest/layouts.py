@@ -31,7 +31,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, mode
 
 from pipeline.errors import InputError, nearest
 
-NEWTONS = {"cN": 1e-2, "N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "g": 9.80665e-3, "kgf": 9.80665}
+NEWTONS = {"cN": 1e-2, "N": 1.0, "mN": 1e-3, "gf": 9.80665e-3, "g": 9.80665e-3, "kgf": 9.80665, "Newtons": 1.0}
 """Newtons per unit of tension. Standard gravity is 9.80665 m/s² exactly (CGPM 1901), so 1 gf = 0.980665 cN; a meter
 that shows "g" means gf."""
 
@@ -68,6 +68,11 @@ class Layout(BaseModel):
     verified: bool = False
     """Whether the layout was checked against a real file of that instrument."""
 
+    format: Literal["text", "lvm", "tdms", "xlsx"] = "text"
+    """What the file is: a table of text, LabVIEW's measurement file in text or its TDMS file, or an Excel workbook.
+    Each of the last three is turned into a table of text with the delimiter and the decimal mark of the layout."""
+    table: str = ""
+    """The group of channels (tdms) or the sheet (xlsx) that holds the columns; empty where only one can be meant."""
     encoding: str = "utf-8-sig"
     """Python's name of the text encoding; ``utf-8-sig`` reads UTF-8 with and without a byte-order mark."""
     delimiter: str = Field(default=",", min_length=1, max_length=1)
@@ -96,7 +101,7 @@ class Layout(BaseModel):
     """Name of the tension column; a call may choose another channel."""
     unit: str = ""
     """Unit of the tension column: cN, N, mN, gf, g or kgf. Not given: it must come from `units_row`, `unit_column` or
-    `count_full_scale`."""
+    `count_full_scale`, or from the file itself (lvm, tdms)."""
     unit_column: str = ""
     """Name of a column that holds each row's unit."""
     count_full_scale: Positive | None = None
@@ -127,7 +132,10 @@ class Layout(BaseModel):
             raise ValueError("time must come from one place; give either time_column or rate_Hz")
         if self.unit:
             newtons_per(self.unit, f"layout {self.name} key 'unit'")
-        if sum([bool(self.unit) or self.units_row, bool(self.unit_column), self.count_full_scale is not None]) != 1:
+        if self.table and self.format in ("text", "lvm"):
+            raise ValueError(f"table = '{self.table}', but a {self.format} log has one; leave it out")
+        places = [bool(self.unit) or self.units_row, bool(self.unit_column), self.count_full_scale is not None]
+        if sum(places) > 1 or not (any(places) or self.format in ("lvm", "tdms")):
             raise ValueError(
                 "the unit must come from one place; give unit (or units_row), unit_column or count_full_scale"
             )

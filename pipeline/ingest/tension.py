@@ -1,10 +1,9 @@
-"""Tension logs: text files read as a layout says, every number held against it, flagged and never altered."""
+"""Tension logs read as a layout says, every number held against it, flagged and never altered."""
 
-import codecs
 import csv
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -14,13 +13,21 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError, nearest
+from pipeline.ingest.labview import lvm_text, tdms_text
 from pipeline.ingest.layouts import NEWTONS, Layout, newtons_per
+from pipeline.ingest.log_text import LogText, plain_text
 from pipeline.ingest.source import source
 from pipeline.ingest.tension_flags import flag_tension
+from pipeline.ingest.workbook import workbook_text
 from pipeline.records import Array, RawTension, TensionFlag
 
 _SECONDS = {"seconds": 1.0, "milliseconds": 1e-3, "excel-days": 86400.0}
-_MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+_READERS: dict[str, Callable[[Path, Layout, str], LogText]] = {
+    "text": lambda path, layout, _: plain_text(path, layout),
+    "lvm": lvm_text,
+    "tdms": tdms_text,
+    "xlsx": lambda path, layout, _: workbook_text(path, layout),
+}
 
 
 def read_tension(path: Path, layout: Layout, *, root: Path | None = None, channel: str | None = None) -> RawTension:
@@ -44,8 +51,9 @@ def read_tension(path: Path, layout: Layout, *, root: Path | None = None, channe
         holds text where a number belongs, or holds no reading at all. Nothing is guessed around.
     """
     origin = source(path, root)
-    text = _decode(path, layout).replace("\r\n", "\n").replace("\r", "\n")
-    log = _Log(path, layout, channel or layout.tension_column, text.split("\n"))
+    wanted = channel or layout.tension_column
+    as_text = _READERS[layout.format](path, layout, wanted)
+    log = _Log(path, layout, wanted, as_text.text.split("\n"), as_text.unit)
     header, header_line = _header(log)
     table = _split(log, header, header_line + 1 + layout.units_row)
 
@@ -74,18 +82,20 @@ def read_tension(path: Path, layout: Layout, *, root: Path | None = None, channe
         flag=flag,
         resolution=resolution,
         calibration_u=math.nan if percent is None else percent / 100,
-        metadata={**_pairs(preamble, layout), **metadata, "channel": log.wanted},
+        metadata={**_pairs(preamble, layout), **as_text.metadata, **metadata, "channel": log.wanted},
     )
 
 
 @dataclass(frozen=True)
 class _Log:
-    """A log as text: what it is read as, which column is wanted, and its lines without line ends."""
+    """A log as text: what it is read as, which column is wanted, its lines without line ends."""
 
     path: Path
     layout: Layout
     wanted: str
     lines: list[str]
+    unit: str
+    """Of the wanted column, where the file states it elsewhere than in the table."""
 
 
 @dataclass(frozen=True)
@@ -96,24 +106,6 @@ class _Table:
     cells: Mapping[str, list[str]]
     cut: frozenset[str]
     """Columns whose field in the last row is lost, or may have been cut short, by a truncation of the file."""
-
-
-def _decode(path: Path, layout: Layout) -> str:
-    data = path.read_bytes()
-    if not data.strip():
-        raise InputError(path, "the file is empty", "give a log with a header and samples")
-    for mark, encoding in _MARKS.items():
-        if data.startswith(mark) and codecs.lookup(layout.encoding).name != encoding:
-            found = f"it starts with the byte-order mark of {encoding}, the layout says {layout.encoding}"
-            raise InputError(path, found, f'set encoding = "{encoding}"')
-    try:
-        # An incremental decoder leaves out a character cut in half at the end: a truncated file is still read.
-        return codecs.getincrementaldecoder(layout.encoding)().decode(data)
-    except UnicodeError as error:
-        at = error.start if isinstance(error, UnicodeDecodeError) else 0
-        line = data[:at].count(b"\n") + 1
-        right = 'set the layout\'s encoding, such as "cp1252" or "utf-16"'
-        raise InputError(f"{path} line {line}", f"byte 0x{data[at]:02x} is not {layout.encoding}", right) from None
 
 
 def _fields(line: str, layout: Layout) -> list[str]:
@@ -296,7 +288,11 @@ def _unit(log: _Log, table: _Table, readings: Array, header: list[str], header_l
         units = _fields(log.lines[header_line], layout)
         column = header.index(wanted)
         stated.append((header_line + 1, units[column] if column < len(units) else ""))
+    if log.unit:
+        stated.append((header_line, log.unit))
     unit = layout.unit or stated[-1][1]
+    if not unit:
+        raise InputError(f"{path} column '{wanted}'", "the file states no unit", "set the layout's unit")
     factor = newtons_per(unit, f"{path} line {stated[-1][0]} column '{wanted}'")
     for line, other in stated:
         where = f"{path} line {line} column '{wanted}'"

@@ -255,7 +255,8 @@ def layer_tension(rows: Sequence[Row]) -> Figure:
     axes.axhline(1, **_END_TENSION)
     axes.set_xlabel("layer, from the bobbin outwards")
     axes.set_ylabel("tension over T₀")
-    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(0.0, low), max(1.05, high))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     figure.legend(loc="outside upper left", ncols=2)
     return figure

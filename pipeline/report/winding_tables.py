@@ -46,8 +46,9 @@ _EDGE_UNITS = {
     "speed": "speed_m_s", "end_tension": "T0_cN", "span_mean": "span_mean_cN", "span_u": "span_u_cN",
     "span_sd": "span_sd_cN", "span_slope": "span_slope_cN_per_s", "span_slope_u": "span_slope_u_cN_per_s",
     "span_peak": "span_peak_cN", "error_mean": "error_mean_percent", "error_max": "error_max_percent",
-    "error_all_mean": "error_all_mean_percent", "penetration_max": "penetration_max_m", "time_step": "time_step_s",
-    "time_step_limit": "time_step_limit_s", "wall": "wall_s",
+    "error_all_mean": "error_all_mean_percent", "penetration_max": "penetration_max_m",
+    "penetration_share": "penetration_percent_of_d", "transverse_stiffness": "transverse_stiffness_N_per_mm2",
+    "time_step": "time_step_s", "time_step_limit": "time_step_limit_s", "wall": "wall_s",
 }  # fmt: skip
 """Name → column, where the name has no unit of its own."""
 
@@ -106,6 +107,11 @@ def _entry(row: Row) -> dict[str, object]:
         },
         "layers_T_over_T0": [_known(value) for value in row.layers],
         "energy_residual": _known(numbers["energy_residual"]),
+        "penetration": {
+            "max_um": _known(1e6 * numbers["penetration_max"]),
+            "percent_of_d": _known(numbers["penetration_share"]),
+            "transverse_stiffness_N_per_mm2": numbers["transverse_stiffness"],
+        },
         "wall_s": _known(numbers["wall"]),
         "outcome": row.result.outcome.name.lower(),
         "message": row.result.message,
@@ -170,6 +176,14 @@ def statements(rows: Sequence[Row], found: Sequence[Finding]) -> list[str]:
                     else "The paper reports 9.39 to 17.06\u00a0%, 14.09\u00a0% on average, against its own machine."
                 )
             )
+    deep = {row.name: run_numbers(row)["penetration_share"] for row in base}
+    deep = {name: share for name, share in deep.items() if math.isfinite(share)}
+    if deep:
+        worst = max(deep, key=lambda name: deep[name])
+        said.append(
+            f"Where it is pressed hardest the yarn gives way by up to {deep[worst]:.1f}\u00a0% of its diameter "
+            f"({worst}): that is the declared transverse stiffness, an input."
+        )
     done = [row.result.wall_s for row in rows if row.ok and math.isfinite(row.result.wall_s)]
     if done:
         said.append(
@@ -300,6 +314,8 @@ def runs_html(rows: Sequence[Row]) -> str:
                 "Slope, cN/s": number(numbers["span_slope"], 2, why_missing=why, signed=True),
                 "Peak, cN": number(numbers["span_peak"], 1, why_missing=why),
                 "Energy residual": number(numbers["energy_residual"], 5, why_missing=why),
+                "Transverse stiffness, N/mm²": number(numbers["transverse_stiffness"], 2, why_missing=why),
+                "Yarn gives way, % of d": number(numbers["penetration_share"], 1, why_missing=why),
                 "Wall, s": number(numbers["wall"], 2, why_missing=why),
                 "Outcome": escape(row.result.outcome.name.lower().replace("_", " ")),
                 "Message": remark(row.result.message),

@@ -28,6 +28,7 @@ class WindKeys(Keys):
     prony_weights: tuple[StrictNumber, ...] | None = None
     prony_times_s: tuple[StrictNumber, ...] | None = None
     transverse_stiffness_N_per_mm2: StrictNumber | None = None
+    grip_length_mm: StrictNumber | None = None
     contact_damping_ratio: StrictNumber | None = None
     friction_static: StrictNumber | None = None
     friction_dynamic: StrictNumber | None = None
@@ -76,7 +77,10 @@ class WindKeys(Keys):
             return WindingScene(**given)
         except ValueError as error:
             name, right = str(error).split(" = ", 1)[0], str(error).split(": ", 1)[1]
-            key = next((key for key, (field, _) in FIELDS.items() if field == name), name)
+            if name == "axial_stiffness":
+                key, right = "modulus_N_per_tex", f"makes EA = {stiffness:g} N, which {right}"
+            else:
+                key = next(key for key, (field, _) in FIELDS.items() if field == name)
             raise ValueError(f"{key} = {written(getattr(self, key, None))}: {right}") from None
 
     def value(self, key: str) -> Any:
@@ -95,6 +99,7 @@ FIELDS: Mapping[str, tuple[str, float]] = {
     "prony_weights": ("prony_weights", 1.0),
     "prony_times_s": ("prony_times", 1.0),
     "transverse_stiffness_N_per_mm2": ("transverse_stiffness", 1e6),
+    "grip_length_mm": ("grip_length", 1e-3),
     "contact_damping_ratio": ("contact_damping", 1.0),
     "friction_static": ("friction_static", 1.0),
     "friction_dynamic": ("friction_dynamic", 1.0),

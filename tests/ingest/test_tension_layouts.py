@@ -15,11 +15,12 @@ def write(folder: Path, text: str) -> Path:
     return folder
 
 
-def test_packaged_layouts_load_and_only_the_self_defined_one_claims_to_be_verified():
-    assert packaged_layouts() == ["eltex-th", "german-semicolon", "plain-csv"]
+def test_packaged_layouts_load_and_only_the_self_defined_ones_claim_to_be_verified():
+    known = ["eltex-th", "excel", "german-semicolon", "labview-lvm", "labview-tdms", "plain-csv"]
+    assert packaged_layouts() == known
     layouts = {name: load_layout(name, Path()) for name in packaged_layouts()}
     assert all(layout.name == name and layout.note for name, layout in layouts.items())
-    assert [name for name, layout in layouts.items() if layout.verified] == ["plain-csv"]
+    assert [name for name, layout in layouts.items() if layout.verified] == ["excel", "plain-csv"]
 
 
 def test_a_few_lines_make_a_layout(tmp_path):
@@ -59,6 +60,8 @@ def test_base_takes_a_packaged_layout_but_not_its_claims(tmp_path):
         (MINIMAL + 'columns = ["t", "G"]\n', "tension_column = 'F' is not among columns"),
         (MINIMAL + 'columns = ["t", "F"]\nunits_row = true\n', "units_row follows a header row"),
         ('base = "plain-cvs"\n', "key 'base': 'plain-cvs' is not a packaged layout; did you mean 'plain-csv'?"),
+        (MINIMAL + 'table = "Log"\n', "table = 'Log', but a text log has one; leave it out"),
+        (MINIMAL + 'format = "xls"\n', "key 'format': is 'xls'; it should be 'text', 'lvm', 'tdms' or 'xlsx'"),
         ("decimal = .\n", "not a TOML file in UTF-8"),
     ],
 )

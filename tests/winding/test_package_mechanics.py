@@ -8,38 +8,41 @@ from winding_scenes import winding_scene
 
 from models.compiled import compiled
 from models.winding.contact import hardening
-from models.winding.package import SUNK, Laying, Package, Yarn, across, along, element_lengths, put_on_top
+from models.winding.crossings import NEIGHBOURS, find_crossings
+from models.winding.package import (
+    NEAR,
+    NODE,
+    Laying,
+    Package,
+    Yarn,
+    across,
+    along,
+    element_lengths,
+    length_of,
+    pair_up,
+    put_on_top,
+)
 from models.winding.settle import new_room, settle
 from models.winding.solve import wind
 
 RADIUS, T0 = 0.03, 0.5
+BENDING, SURFACE = 3.5e-6, 2.4e7
+"""B [N m²], K_t [N/m²]."""
 
 
 def stack(rings: int, nodes: int, crossings: int, places: np.ndarray, contact: float, angle_step: float) -> Package:
     """One yarn of `rings` · `nodes` nodes; element e of each ring crosses element e of the ring below at `places`."""
     n = rings * nodes
     above = np.repeat(np.arange(nodes, n - 1), crossings)
-    below = above - nodes
-    order = np.argsort(below, kind="stable")
-    edges = np.arange(n + 1)
     at = np.tile(places, above.size // places.size + 1)[: above.size]
-    return Package(
-        angle_step=angle_step,
-        cosine=math.cos(angle_step),
-        radius=np.full(n, RADIUS),
-        z=np.zeros(n),
-        height=np.zeros(n),
-        natural=np.zeros(n),
-        relaxed=np.zeros(n),
-        below=below,
-        above=above,
-        below_at=at,
-        above_at=at,
-        stiffness=np.full(above.size, contact),
-        first_above=np.searchsorted(above, edges),
-        order_below=order,
-        first_below=np.searchsorted(below[order], edges),
-    )
+    first, crossing = pair_up(above - nodes, above, at, at, n)
+    crossing["stiffness"] = contact
+    node = np.zeros(n, NODE)
+    node["radius"] = RADIUS
+    node["surface"] = SURFACE * RADIUS * angle_step
+    near = np.zeros(n, NEAR)
+    near["low"], near["high"] = first[:-1], first[1:]
+    return Package(2 * (1 - math.cos(angle_step)), np.zeros(n), node, first, crossing, near)
 
 
 @compiled
@@ -52,33 +55,36 @@ def forces(p: Package, yarn: Yarn, now: Laying) -> np.ndarray:
 
 def energy(p: Package, yarn: Yarn, now: Laying) -> float:
     """As the module says, written once more for whole arrays."""
-    h = p.height[: now.laid]
+    h, node = p.height[: now.laid], p.node[: now.laid]
     length = element_lengths(p, 0, now.laid - 1)
-    natural = p.natural[: now.laid - 1]
-    held = natural > 0
-    strain = length[held] / natural[held] - 1 - p.relaxed[: now.laid - 1][held]
-    sum_ = yarn.axial / 2 * float(natural[held] @ strain**2) + now.pull * length[~held].sum()
-    step = p.radius[: now.laid] * p.angle_step
-    sum_ += yarn.bending / 2 * float(np.sum(np.diff(h, 2) ** 2 / step[1:-1] ** 3))
-    surface = yarn.surface * step / np.where(np.arange(now.laid) >= now.fresh, SUNK, 1.0)
-    sum_ += 0.5 * float(surface @ np.minimum(h, 0) ** 2)
-    for c in np.flatnonzero(p.above + 1 < now.laid):
-        i, k, s, t = p.below[c], p.above[c], p.below_at[c], p.above_at[c]
-        depth = yarn.diameter + (1 - s) * h[i] + s * h[i + 1] - (1 - t) * h[k] - t * h[k + 1]
-        sum_ += p.stiffness[c] * yarn.diameter**2 * hardening(max(depth, 0.0) / yarn.diameter)[1]
+    held = node["hold"][:-1] > 0
+    natural = yarn.axial / node["hold"][:-1][held]
+    strain = length[held] / natural - 1 - node["relaxed"][:-1][held]
+    sum_ = yarn.axial / 2 * float(natural @ strain**2) + now.pull * length[~held].sum()
+    sum_ += float(node["bending"][1:-1] @ np.diff(h, 2) ** 2) / 2
+    sum_ += 0.5 * float(node["surface"] @ np.minimum(h, 0) ** 2)
+    element = np.repeat(np.arange(p.height.size), np.diff(p.first))
+    for e, c in zip(element, p.crossing, strict=True):
+        if c["other"] < e < now.laid - 1:
+            i, s, t = c["other"], c["other_at"], c["own_at"]
+            depth = yarn.diameter + (1 - s) * h[i] + s * h[i + 1] - (1 - t) * h[e] - t * h[e + 1]
+            sum_ += c["stiffness"] * yarn.diameter**2 * hardening(max(depth, 0.0) / yarn.diameter)[1]
     return sum_
 
 
 def test_forces_are_the_gradient_of_the_energy_that_is_stated():
     random = np.random.default_rng(1)
-    p = stack(4, 12, 2, random.uniform(0, 1, 14), 1.0e4, 0.06)
-    yarn = Yarn(axial=315.0, bending=3.5e-6, diameter=0.42e-3, surface=2.4e7)
-    now = Laying(laid=44, fresh=40, pull=T0)
-    p.radius[:] = RADIUS + random.uniform(0, 1e-3, p.radius.size)
-    p.z[:] = np.cumsum(random.uniform(3e-4, 5e-4, p.z.size))
-    p.height[:] = np.repeat(np.arange(4), 12) * 0.8 * yarn.diameter + random.uniform(-2e-5, 2e-5, p.height.size)
-    p.natural[:39] = element_lengths(p, 0, 39) * random.uniform(0.995, 1.002, 39)
-    p.relaxed[:39] = random.uniform(0, 1e-4, 39)
+    angle_step = 0.06
+    p = stack(4, 12, 2, random.uniform(0, 1, 14), 1.0e4, angle_step)
+    yarn = Yarn(axial=315.0, diameter=0.42e-3, sunk=1.0)
+    now = Laying(laid=44, pull=T0)
+    n = p.height.size
+    p.node["radius"] += random.uniform(0, 1e-3, n)
+    p.node["rise"] = random.uniform(3e-4, 5e-4, n) ** 2
+    p.node["bending"] = BENDING / (p.node["radius"] * angle_step) ** 3
+    p.height[:] = np.repeat(np.arange(4), 12) * 0.8 * yarn.diameter + random.uniform(-2e-5, 2e-5, n)
+    p.node["hold"][:39] = yarn.axial / (element_lengths(p, 0, 39) * random.uniform(0.995, 1.002, 39))
+    p.node["relaxed"][:39] = random.uniform(0, 1e-4, 39)
     computed = forces(p, yarn, now)
     shift = 1e-9
     for k in range(now.laid):
@@ -90,12 +96,57 @@ def test_forces_are_the_gradient_of_the_energy_that_is_stated():
         assert computed[k] == pytest.approx(-(high - low) / (2 * shift), rel=1e-5, abs=2e-5), k
 
 
-def wind_rings(rings: int, ring: float, contact: float, core: float) -> np.ndarray:
+def test_crossings_are_those_of_all_pairs_of_elements():
+    """Of a guide that goes forth and back over a bobbin of 31.4 steps around; the mirrored path has the same."""
+    per_turn, k = 31.4, np.arange(500)
+    z = 40 * np.abs((k / 97.3) % 2 - 1) + 0.3 * np.sin(k)
+    found = find_crossings(z, per_turn)
+    expected = []
+    for high in range(k.size - 1):
+        for low in range(high - NEIGHBOURS):
+            offset = low - high - per_turn * round((low - high) / per_turn)
+            steeper = (z[high + 1] - z[high]) - (z[low + 1] - z[low])
+            t = (z[low] - z[high] - offset * (z[low + 1] - z[low])) / steeper
+            if 0 <= t < 1 and 0 <= t - offset < 1:
+                expected.append((low, high, t - offset, t))
+    assert len(expected) > 30
+    order = np.lexsort((found[0], found[1]))
+    for own, other in zip(found, np.array(expected).T, strict=True):
+        np.testing.assert_allclose(own[order], other, atol=1e-9)
+    for own, other in zip(found, find_crossings(-z, per_turn), strict=True):
+        np.testing.assert_array_equal(np.sort(own), np.sort(other))
+    assert find_crossings(z, 1e12)[0].size == 0  # without a cell for every step around
+
+
+def test_new_yarn_is_drawn_taut_over_what_it_crosses():
+    """A bump of height b holds a straight line off a circle of radius R for √(2 R b) on either side."""
+    angle_step, n, bump = 0.02, 60, 1e-3
+    first, crossing = pair_up(np.array([0]), np.array([40]), np.zeros(1), np.zeros(1), n)
+    p = stack(1, n, 1, np.zeros(1), 0.0, angle_step)._replace(first=first, crossing=crossing)
+    diameter = 0.4e-3
+    p.height[:10] = bump - diameter
+    put_on_top(p, diameter, 20, n)
+    step = RADIUS * angle_step
+    away = step * np.abs(np.arange(20, n) - 40.5)
+    reach = math.sqrt(2 * RADIUS * bump)
+    assert p.height[40] == p.height[41] == pytest.approx(bump)
+    assert np.all(p.height[20:][away > reach + 2 * step] == 0.0)
+    tangent = (reach - away + step / 2) ** 2 / (2 * RADIUS)  # the rise of the line above the point where it leaves
+    slope = (away < reach - step) & (away > step)
+    assert p.height[20:][slope] == pytest.approx(tangent[slope], abs=3e-5)
+    radius = RADIUS + p.height[20:]
+    around = angle_step * np.arange(20, n)
+    points = np.column_stack([radius * np.cos(around), radius * np.sin(around)])
+    before, after = np.diff(points[:-1], axis=0), np.diff(points[1:], axis=0)
+    assert np.min(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) > -1e-12  # bent inwards nowhere
+
+
+def wind_rings(rings: int, ring: float, contact: float, core: float, sunk: float) -> np.ndarray:
     """Tension left in rings wound one by one at T₀ on a core, N: the thin-ring model of a wound roll.
 
     A ring resists a radial shift u by `ring` · u, the ring below by `contact`, the core by `core` [N/m]. A ring sinks
-    at constant tension while it is wound, in the core by `SUNK` of what the core yields, and loses tension in
-    proportion to its further shift. Linear, so that the shifts of all windings add.
+    at constant tension while it is wound, the first by the share `sunk` of what the core yields before it is held, and
+    loses tension in proportion to its further shift. Linear, so that the shifts of all windings add.
     """
     shift = np.zeros(rings)
     pressure = 1.0  # cancels
@@ -103,14 +154,21 @@ def wind_rings(rings: int, ring: float, contact: float, core: float) -> np.ndarr
         count = last + 1
         stiffness = np.diag(np.full(count, ring))
         stiffness[last, last] = 0.0  # still a string of constant tension
-        stiffness[0, 0] += core if last else core / SUNK
+        stiffness[0, 0] += core
         for k in range(last):
             stiffness[k : k + 2, k : k + 2] += contact * np.array([[1, -1], [-1, 1]])
         found = np.linalg.solve(stiffness, pressure * np.eye(count)[last])
         shift[:last] += found[:last]
         if last == 0:
-            shift[0] = (pressure - core * found[0]) / (core + ring)  # from where it is held on
+            shift[0] = (pressure - core * sunk * found[0]) / (core + ring)  # from where it is held on
     return 1 - shift * ring / pressure
+
+
+@compiled
+def hold(p, yarn, start, stop):
+    """Hold elements start … stop − 1 at T₀, as `fast.py` does those that are laid."""
+    for k in range(start, stop):
+        p.node[k].hold = (yarn.axial + T0) / length_of(p, k, yarn.sunk)
 
 
 def test_layers_keep_the_tension_of_wound_rings():
@@ -120,23 +178,24 @@ def test_layers_keep_the_tension_of_wound_rings():
     the next: the middle of a high package is slack.
     """
     rings, nodes, angle_step, contact = 24, 60, 0.065, 3.0e3
-    yarn = Yarn(axial=315.0, bending=0.0, diameter=1e-3, surface=2.4e7)
+    yarn = Yarn(axial=315.0, diameter=1e-3, sunk=0.75)
     p = stack(rings, nodes, 1, np.zeros(1), contact, angle_step)
     room = new_room(p)
     n = rings * nodes
-    p.radius[:] -= np.repeat(np.arange(rings), nodes) * yarn.diameter  # rings of one radius, as in the thin-ring model
+    p.node["radius"] -= (
+        np.repeat(np.arange(rings), nodes) * yarn.diameter
+    )  # rings of one radius, as in the thin-ring model
     for ring in range(rings):
         start, stop = ring * nodes, (ring + 1) * nodes
         put_on_top(p, yarn.diameter, start, stop)
-        settle(p, yarn, room, start, Laying(stop, start, T0), 1e-10, 0.0)
-        first = max(start - 1, 0)
-        p.natural[first : stop - 1] = element_lengths(p, first, stop - 1) / (1 + T0 / yarn.axial)
-        settle(p, yarn, room, 0, Laying(stop, stop, 0.0), 1e-10, 0.0)
-    tension = yarn.axial * (element_lengths(p, 0, n - 1) / p.natural[: n - 1] - 1)
+        settle(p, yarn, room, start, Laying(stop, T0), 1e-10, 0.0)
+        hold(p, yarn, max(start - 1, 0), stop - 1)
+        settle(p, yarn, room, 0, Laying(stop, 0.0), 1e-10, 0.0)
+    tension = element_lengths(p, 0, n - 1) * p.node["hold"][: n - 1] - yarn.axial
     left = tension[nodes // 2 :: nodes] / T0
     inwards = 2 * math.sin(angle_step / 2)  # force on a node over the tension
-    ring, core = yarn.axial * inwards / RADIUS, yarn.surface * RADIUS * angle_step
-    np.testing.assert_allclose(left, wind_rings(rings, ring, contact, core), atol=0.01)
+    ring, core = yarn.axial * inwards / RADIUS, SURFACE * RADIUS * angle_step
+    np.testing.assert_allclose(left, wind_rings(rings, ring, contact, core, yarn.sunk), atol=0.01)
     below = ring / 2 + math.sqrt(ring**2 / 4 + ring * contact)  # stiffness of all rings from one on downwards
     passed = contact / (contact + below)
     np.testing.assert_allclose(left[:11:-1], passed ** np.arange(12), atol=0.01)

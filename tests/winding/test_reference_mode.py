@@ -7,19 +7,11 @@ import numpy as np
 import pytest
 from winding_scenes import winding_scene
 
-from models.winding.reference import (
-    AT_GUIDE,
-    GOING,
-    LAID,
-    PAIRS,
-    PROBE_MARGIN,
-    SPAN,
-    Run,
-    time_step_limit,
-)
+from models.winding.reference import Run
 from models.winding.result import Kept, WindingOutcome, WindingResult
 from models.winding.scene import WindingScene
 from models.winding.solve import wind
+from models.winding.stepping import AT_GUIDE, GOING, LAID, PAIRS, PROBE_MARGIN, SPAN, time_step_limit
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """The winding scene's refusals, the machine's motion, the fast mode and the choice of mode."""
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -12,8 +13,9 @@ from hypothesis import strategies as st
 from winding_scenes import winding_scene
 
 from models.winding.drive import travel, traverse
-from models.winding.package import SUNK
+from models.winding.landing import sunk_share
 from models.winding.result import WindingOutcome, WindingResult
+from models.winding.scene import LARGEST, LIMITS
 from models.winding.solve import wind
 
 SOFT = 3.9e5
@@ -35,11 +37,34 @@ def full() -> WindingResult:
         ({"friction_dynamic": 0.4}, "friction_dynamic = 0.4"),
         ({"element_length": 0.03}, "element_length = 0.03"),
         ({"cone_angle": 0.7}, "cone_angle = 0.7"),
+        ({"time_step": 1e-15}, "time_step = 1e-15"),
+        ({"tension": 0.0047}, "tension = 0.0047.*ρV² = 0.00472 N"),
+        ({"tension_slope": -25.0}, "tension_slope = -25.0.*to the end of the run"),
+        ({"feed": "tail", "feed_length": 201.0}, "feed_length = 201.0.*100000 elements"),
+        ({"element_length": 4e-4}, "element_length = 0.0004.*diameter"),
+        ({"bobbin_radius": 7.9e-3}, "element_length = 0.002.*quarter of the bobbin's radius"),
+        ({"duration": 9e-4}, "duration = 0.0009: must be 0.001 to 3600 s"),
+        ({"duration": 34.0}, "duration = 34.0.*at most 100000"),
+        ({"duration": 1.0, "speed_slope": -6.1}, "speed_slope = -6.1.*to the end of the run"),
     ],
 )
 def test_a_scene_without_meaning_is_refused(changes: dict[str, Any], place: str):
     with pytest.raises(ValueError, match=place):
         winding_scene(**changes)
+
+
+@pytest.mark.parametrize("name", [*LIMITS, *LARGEST])
+def test_what_cannot_be_computed_is_refused_with_its_limits(name: str):
+    low, high = LIMITS[name][:2] if name in LIMITS else (0.0, LARGEST[name][0])
+    for beyond, says in ((low - 0.1 * low - 1e-12, low), (1.1 * high, high)):
+        with pytest.raises(ValueError, match=rf"^{name} = .*must be .*{re.escape(f'{says:g}')}"):
+            winding_scene(**{name: beyond})
+
+
+def test_a_run_that_is_no_longer_finite_is_not_called_complete():
+    result = wind(winding_scene(tension=0.06, diameter=1.7e-5, winding_angle=0.7, duration=0.3, bending_stiffness=0.0))
+    assert result.outcome is WindingOutcome.DIVERGED
+    assert "no longer finite" in result.message
 
 
 @given(st.floats(0, 5), st.floats(0.01, 0.25))
@@ -82,8 +107,17 @@ def test_stiff_yarn_keeps_its_tension_soft_yarn_loses_it_towards_the_inside(full
     assert all(inner < outer for inner, outer in pairwise(soft.layers_T_over_T0))
 
 
+def test_a_run_says_how_far_its_yarn_gives_way_where_it_does():
+    soft, stiff = (wind(winding_scene(duration=0.1, transverse_stiffness=k)) for k in (SOFT, 2.4e9))
+    assert soft.penetration_max > 0.05 * soft.scene.diameter
+    assert f"{100 * soft.penetration_max / soft.scene.diameter:.1f} % of its diameter" in soft.message
+    assert "declared transverse stiffness, 0.39 N/mm²" in soft.message
+    assert stiff.penetration_max < 0.05 * stiff.scene.diameter
+    assert stiff.message == ""
+
+
 def test_a_single_soft_loop_loses_what_its_sinking_predicts():
-    # Held after it has sunk by SUNK T/(R K_t), a loop sinks on until K_t δ = T'/R, here on a path of angle α.
+    # Held after a share of its sinking T/(R K_t), a loop sinks on until K_t δ = T'/R, here on a path of angle α.
     scene = winding_scene(duration=0.1, transverse_stiffness=SOFT, prony_weights=(0.0, 0.0))
     shot = wind(scene).snapshots[-1]
     lost = scene.softness * math.cos(scene.winding_angle) ** 4
@@ -92,7 +126,7 @@ def test_a_single_soft_loop_loses_what_its_sinking_predicts():
     alone = (slope < math.sin(scene.winding_angle) * 1.05) & (np.arange(len(slope)) > 100)
     bearing = scene.transverse_stiffness * sunk * scene.bobbin_radius / math.cos(scene.winding_angle) ** 2
     assert np.median(bearing[alone] / shot.tension[alone]) == pytest.approx(1, rel=0.03)
-    assert np.median(shot.tension[alone]) == pytest.approx(0.5 * (1 + SUNK * lost) / (1 + lost), rel=0.05)
+    assert np.median(shot.tension[alone]) == pytest.approx(0.5 * (1 + sunk_share(scene) * lost) / (1 + lost), rel=0.05)
 
 
 def test_a_ramp_of_tension_is_followed():
