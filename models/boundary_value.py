@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from models.compiled import compiled, implement, inner
 from models.complex_step import COMPLEX_STEP, as_tuple, in_direction, unit_directions
 from models.discretisation import Discretisation
-from models.newton import NewtonStatus, advance, condition_number, jacobian, newton, residual
+from models.newton import NewtonStatus, advance, condition_number, jacobian, newton, residual, system, values
 
 Array = NDArray[np.float64]
 Values = NDArray[Any]
@@ -122,26 +122,20 @@ def pointwise_arguments(orders: NDArray[np.int64], derivatives: Values, j: int, 
             a += 1
 
 
-@inner
-def residuals(collocated: Collocated, x: Array, w: Any, value: Values) -> None:
-    """Fill all residuals, shape (m n + m + 1,), real or complex as `value` is."""
-    problem, orders, derivatives = collocated.problem, collocated.orders, collocated.derivatives
+def fill_residual(problem: Collocated, x: Values, value: Values) -> None:
+    """F(x), shape (m n + m + 1,), real or complex; x holds the nodal values of field 0, of field 1, …, then w."""
+    pointwise, orders, derivatives = problem.problem, problem.orders, problem.derivatives
     m, n, size = orders.shape[0], derivatives.shape[1], derivatives.shape[2]
-    f = np.empty(argument_count(orders), value.dtype)
+    f, w = np.empty(argument_count(orders), x.dtype), x[-1]
     for j in range(n):
         pointwise_arguments(orders, derivatives, j, x, f)
-        left_over = equations(problem, f, w)
+        left_over = equations(pointwise, f, w)
         for e in range(m):
             value[e * n + j] = left_over[e]
-    left, right = np.empty(m, value.dtype), np.empty(m, value.dtype)
+    left, right = np.empty(m, x.dtype), np.empty(m, x.dtype)
     for i in range(m):
         left[i], right[i] = x[i * size], x[(i + 1) * size - 1]
-    boundary(problem, left, right, w, value[m * n :])
-
-
-def fill_residual(problem: Collocated, x: Array, value: Array) -> None:
-    """F(x), shape (m n + m + 1,); x holds the nodal values of field 0, of field 1, …, then w."""
-    residuals(problem, x, x[-1], value)
+    boundary(pointwise, left, right, w, value[m * n :])
 
 
 def fill_jacobian(problem: Collocated, x: Array, matrix: Array) -> None:
@@ -194,20 +188,21 @@ def solve_compiled(
 
 
 @compiled
-def evaluated(problem: Collocated, x: Array) -> tuple[Array, Array]:
-    """F(x), shape (m n + m + 1,), and ∂F/∂x, square."""
-    value, matrix = np.empty(x.shape[0]), np.empty((x.shape[0], x.shape[0]))
-    residual(problem, x, value)
-    jacobian(problem, x, matrix)
-    return value, matrix
+def evaluated(problem: Any, x: Array) -> tuple[Array, Array]:
+    """F(x), shape (n,), and ∂F/∂x, shape (n, n), of a problem that `newton` can solve."""
+    return system(problem, x)
 
 
 @compiled
-def parameter_slopes(problem: Collocated, x: Array) -> Array:
-    """∂F/∂λ at x, shape (m n + m + 1,): the problem's numbers and matrices are complex, moved by COMPLEX_STEP in λ."""
-    value = np.empty(x.shape[0], np.complex128)
-    residuals(problem, x, x[-1] + 0j, value)
-    return value.imag / COMPLEX_STEP
+def residuals(problem: Any, x: Values) -> Values:
+    """F(x), shape (n,), of real or complex numbers."""
+    return values(problem, x)
+
+
+def parameter_slopes(problem: Any, x: Array) -> Array:
+    """∂F/∂λ at x, shape (n,), of a problem whose numbers and matrices are moved by i · COMPLEX_STEP in λ."""
+    moved: NDArray[np.complex128] = residuals(problem, x.astype(np.complex128))
+    return np.asarray(moved.imag / COMPLEX_STEP, dtype=np.float64)
 
 
 @compiled
@@ -216,6 +211,12 @@ def linearised(problem: Any, f: Array, w: float, equation_count: int) -> tuple[A
 
     The first a of the b slopes are by f, the next is by w.
     """
+    return linear_part(problem, f, w, equation_count)
+
+
+@inner
+def linear_part(problem: Any, f: Array, w: float, equation_count: int) -> tuple[Array, Array]:
+    """As `linearised`, for which it is compiled with the settings of its parts, which are then compiled once."""
     directions = unit_directions(f.shape[1] + 1)
     values = np.empty((f.shape[0], equation_count))
     by_argument = np.empty((f.shape[0], equation_count, directions.shape[1]))

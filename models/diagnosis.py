@@ -53,8 +53,8 @@ CONDITION_OF_LAYERS, GROWTH_BY_LAYERS = 1e7, 100.0
 """Scaled condition number, and its growth over the degrees, that say that the polynomials carry layers."""
 MAX_ITERATIONS, MAX_FAILURES = 15, 3
 """Of Newton's method at one degree, and of degrees one after another."""
-BRANCH_DEGREE, FINER_BRANCH_DEGREE = 12, 20
-"""A fold is located with both; the difference is stated."""
+BRANCH_DEGREES = (12, 20, 28)
+"""For following a branch. A fold is located with two neighbouring ones; the difference is stated."""
 SEPARATED = 2.0
 """R below which a scene without a solution is one without scale separation; see benchmarks/hard_cases.py."""
 LARGEST_DEFECT = 5e-4
@@ -65,7 +65,7 @@ where a layer and the solution are one conjugate pair."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Failure:
+class Failure:
     """Why there is no solution."""
 
     outcome: Outcome
@@ -83,7 +83,7 @@ def solve_rod(scene: Scene, rod: Rod, *, profile: bool, rotation: float | None) 
     problem = scene.dimensionless()
     first = find(rod.problem(problem.vector), integration_matrices(), collocation_matrices())
     found, roots = _find(scene, problem, rod, rotation, first)
-    if isinstance(found, _Failure):
+    if isinstance(found, Failure):
         return failed(scene, rod.name, found.outcome, found.message, first)
     others = several(scene, roots, found.w, " of the flexible yarn")
     return solution(scene, rod.name, found, (lambda: _fields(problem, rod, found)) if profile else None, others=others)
@@ -154,7 +154,7 @@ class _Climb:
 
 def _find(
     scene: Scene, problem: Dimensionless, rod: Rod, rotation: float | None, first: Refined
-) -> tuple[Refined | _Failure, Sequence[float]]:
+) -> tuple[Refined | Failure, Sequence[float]]:
     """The solution or the reason why there is none, and w of all solutions of the flexible yarn, as far as known."""
     if first.ending == SETTLED and first.size <= WELL_SETTLED and not perhaps_several(problem.vector):
         checked = _checked(problem, rod, first)
@@ -173,11 +173,11 @@ def _find(
             return checked, roots
     if rotation is not None and len(roots) > 1:
         text = f"no solution of this model was found near n₁ = {rotation:.6g} /s, where the flexible yarn has one"
-        return _Failure(Outcome.NOT_CONVERGED, text), roots
+        return Failure(Outcome.NOT_CONVERGED, text), roots
     return _from_frictionless(problem, rod, start, climb), roots
 
 
-def _checked(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Failure | None:
+def _checked(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | Failure | None:
     """The solution, or NO_SCALE_SEPARATION where its layers are slower than itself; None where its defect is large."""
     ratio, defect = separation(problem, rod, found.fields, found.w)
     if ratio < LEAST_SEPARATION:
@@ -185,9 +185,9 @@ def _checked(problem: Dimensionless, rod: Rod, found: Refined) -> Refined | _Fai
     return found if defect <= LARGEST_DEFECT else None
 
 
-def _no_separation(detail: str) -> _Failure:
+def _no_separation(detail: str) -> Failure:
     text = f"{Outcome.NO_SCALE_SEPARATION.value} (rate of the layers over that of the solution: {detail})"
-    return _Failure(Outcome.NO_SCALE_SEPARATION, text)
+    return Failure(Outcome.NO_SCALE_SEPARATION, text)
 
 
 def _scaled_condition(jacobian: Array, x: Array) -> float:
@@ -247,10 +247,15 @@ def _climb(problem: Dimensionless, rod: Rod, start: Guess) -> _Climb:
 
 def _from_frictionless(
     problem: Dimensionless, rod: Rod, start: Guess | None, climb: _Climb | None
-) -> Refined | _Failure:
+) -> Refined | Failure:
     """Follow the branch from μ = 0: the solution at its end, or the reason why there is none."""
-    branch = _follow(problem, rod, BRANCH_DEGREE)
+    degrees = BRANCH_DEGREES
+    branch = _follow(problem, rod, degrees[0])
     fields, w = _split(branch.x)
+    if branch.end is End.REACHED and not possible(fields[0], fields[1]):  # the polynomial was too coarse to see a fold
+        degrees = degrees[1:]
+        branch = _follow(problem, rod, degrees[0])
+        fields, w = _split(branch.x)
     if branch.end is End.REACHED:
         climb = _climb(problem, rod, Guess(polynomial(fields, problem.wrap_angle), w, (w,)))
         checked = _checked(problem, rod, climb.best) if climb.best is not None else None
@@ -259,23 +264,28 @@ def _from_frictionless(
     if branch.end is End.TURNED:
         at_fold, _ = separation(_at(problem, branch.folds[0].parameter), rod, *_split(branch.folds[0].x))
         if at_fold >= SEPARATED:
-            return _fold(problem, rod, branch)
+            return fold(branch, _follow(problem, rod, degrees[1]), problem.friction)
         return _no_separation(f"R = {at_fold:.2g} at μ = {branch.folds[0].parameter:.3g}")
     at_end, _ = separation(_at(problem, branch.parameter), rod, fields, w)
     at_start = math.inf
     if start is not None:
-        nodes = chebyshev_collocation(BRANCH_DEGREE, problem.wrap_angle).nodes
+        nodes = chebyshev_collocation(degrees[0], problem.wrap_angle).nodes
         at_start, _ = separation(problem, rod, start.at(nodes), start.w)
     if min(at_start, at_end) < SEPARATED:
         detail = f"R = {at_start:.2g} on the flexible yarn, {at_end:.2g} on the rod at μ = {branch.parameter:.3g}"
         return _no_separation(detail)
     if climb is not None and climb.layers_entered:
         return _no_separation(f"R = {at_end:.2g}; {climb.found}")
-    return _Failure(
+    return Failure(
         Outcome.NOT_CONVERGED,
         f"{Outcome.NOT_CONVERGED.value} (followed from no friction to μ = {branch.parameter:.3g}: {branch.end.value}; "
         f"R = {at_end:.2g}, {at_start:.2g} on the flexible yarn)",
     )
+
+
+def possible(theta: Array, tension: Array) -> bool:
+    """Whether the yarn is in tension and nowhere turned past the cylinder's axis, where the equations go on."""
+    return bool(np.all(np.sin(theta) > 0) and np.all(tension > 0))
 
 
 def _at(problem: Dimensionless, friction: float) -> Dimensionless:
@@ -299,10 +309,9 @@ def _follow(problem: Dimensionless, rod: Rod, degree: int) -> Branch:
         return follow(family, x, 0.0, problem.friction)
 
 
-def _fold(problem: Dimensionless, rod: Rod, branch: Branch) -> _Failure:
+def fold(branch: Branch, finer: Branch, friction: float) -> Failure:
     """FOLD, with the friction at which the branch ends by two degrees."""
     coarse = branch.folds[0].parameter
-    finer = _follow(problem, rod, FINER_BRANCH_DEGREE)
     at = finer.folds[0].parameter if finer.folds else coarse
-    detail = f"μ = {at:.4g}, to about {abs(at - coarse):.1g}; here μ = {problem.friction:.4g}"
-    return _Failure(Outcome.FOLD, f"{Outcome.FOLD.value} ({detail})")
+    detail = f"μ = {at:.4g}, to about {abs(at - coarse):.1g}; here μ = {friction:.4g}"
+    return Failure(Outcome.FOLD, f"{Outcome.FOLD.value} ({detail})")

@@ -166,7 +166,7 @@ def finite_differences(intervals: int, length: float, *, closed_at_start: bool =
                 stencil = np.arange(first, first + one_sided)
             matrices[order, i, stencil] = _weights(stencil - i, order) / h**order
     rows = slice(0, intervals) if closed_at_start else slice(1, intervals + 1)
-    return Discretisation(nodes, nodes[rows], matrices[:, rows], matrices)
+    return Discretisation(nodes, nodes[rows], np.ascontiguousarray(matrices[:, rows]), matrices)
 
 
 def _weights(offsets: NDArray[np.int_], order: int) -> Array:

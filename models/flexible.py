@@ -118,21 +118,14 @@ def quadratures(problem: Flexible, q: Values, w: Any, excess: Values, log_p: Val
             tau[i] += integration[i, j] * turn[j]
 
 
-@inner
-def residuals(problem: Flexible, q: Values, w: Any, value: Values) -> tuple[Any, Any]:
-    """Fill all residuals, shape (n + 2,), real or complex as `value` is; returns ln(p₃/p₃CD) and τ at B."""
+def fill_residual(problem: Flexible, x: Values, value: Values) -> None:
+    """F(x), shape (n + 2,); x holds q at the nodes, then w, real or complex as `value` is."""
+    q, w = x[:-1], x[-1]
     size = q.shape[0]
-    log_p, turn, tau = np.empty(size, value.dtype), np.empty(size, value.dtype), np.empty(size, value.dtype)
+    log_p, turn, tau, conditions = np.empty_like(q), np.empty_like(q), np.empty_like(q), np.empty(4, q.dtype)
     quadratures(problem, q, w, value[:size], log_p, turn, tau)  # the last is 0 = 0: the conditions below take its place
-    conditions = np.empty(4, value.dtype)
     end_conditions(problem.scene, (*direction(q[0]), *direction(q[-1])), tau[0], tau[-1], w, conditions)
     value[size - 1], value[size] = conditions[0], conditions[3]
-    return log_p[0], tau[0]
-
-
-def fill_residual(problem: Flexible, x: Array, value: Array) -> None:
-    """F(x), shape (n + 2,); x holds q at the nodes, then w."""
-    residuals(problem, x[:-1], x[-1], value)
 
 
 def fill_jacobian(problem: Flexible, x: Array, matrix: Array) -> None:
@@ -205,7 +198,7 @@ def straight(problem: Flexible) -> Array:
     for j in range(size):
         x[j] = slope * length * ((1 - np.cos(np.pi * j / (size - 1))) / 2 - 1 / (1 + ratio))
     value = np.empty(size + 1)
-    residuals(problem, x[:-1], x[-1], value)
+    residual(problem, x, value)
     x[-1] -= value[-1]  # the rotation that this twist brings
     return x
 
@@ -213,33 +206,33 @@ def straight(problem: Flexible) -> Array:
 @compiled
 def find(scene: Array, matrices: Integrals) -> Refined:
     """Solve one scene, `Dimensionless.vector`: raise the degree until the ends stop changing."""
-    degree, first, iterations, ending = matrices.degrees[0], 0, 0, UNRESOLVED
-    problem = Flexible(scene, on_contact(scene, matrices.matrices, degree))
-    x = straight(problem)
+    degree, first, iterations, ending = 0, 0, 0, UNRESOLVED
+    x, fields = np.empty(0), np.empty((3, 0))
     at_B, change, size = np.full(3, np.nan), np.full(3, np.nan), np.inf
     status, step, value = 0, np.nan, np.empty(0)
     for degree in matrices.degrees:
-        if iterations > 0:
+        problem = Flexible(scene, on_contact(scene, matrices.matrices[first:], degree))
+        first += (degree + 1) ** 2
+        if iterations == 0:
+            x = straight(problem)
+        else:
             coarse = x
             x = np.empty(degree + 2)
-            assign(x[:-1], resample(coarse[:-1], degree))
+            assign(x, resample(coarse[:-1], degree))
             x[-1] = coarse[-1]
-            problem = Flexible(scene, on_contact(scene, matrices.matrices[first:], degree))
-        first += (degree + 1) ** 2
         status, count, step, value, _ = newton(problem, x, TOLERANCES[0], TOLERANCES[1], MAX_ITERATIONS)
         iterations += count
+        fields, unused = np.empty((3, degree + 1)), np.empty((2, degree + 1))
+        assign(fields[0], x[:-1])
+        quadratures(problem, fields[0], x[-1], unused[0], fields[1], unused[1], fields[2])
         if status != CONVERGED:
             ending = NEWTON_FAILED
             break
-        log_p, tau = residuals(problem, x[:-1], x[-1], value)
-        found = compiled_ends(scene[TENSION_CD], x[0], log_p, tau)
+        found = compiled_ends(scene[TENSION_CD], fields[0, 0], fields[1, 0], fields[2, 0])
         change, size, at_B = found - at_B, compiled_relative_change(found, at_B), found
         if size < PRECISION:
             ending = SETTLED
             break
-    fields, unused = np.empty((3, degree + 1)), np.empty((2, degree + 1))
-    assign(fields[0], x[:-1])
-    quadratures(problem, x[:-1], x[-1], unused[0], fields[1], unused[1], fields[2])
     lowest, normal_min = 0, np.inf
     for j in range(degree + 1):
         normal = scene[TENSION_CD] * np.exp(fields[1, j]) * direction(fields[0, j])[0] ** 2
@@ -262,19 +255,12 @@ compiled_ends = inner(ends)
 
 
 @compiled
-def jacobian_matrix(problem: Flexible, x: Array) -> Array:
-    """∂F/∂x at x, shape (n + 2, n + 2)."""
-    matrix = np.empty((x.shape[0], x.shape[0]))
-    jacobian(problem, x, matrix)
-    return matrix
-
-
-@compiled
-def values(problem: Flexible, x: Values) -> tuple[Values, Any, Any]:
-    """F(x), shape (n + 2,), and ln(p₃/p₃CD) and τ at B, from real or complex numbers."""
-    value = np.empty_like(x)
-    log_p, tau = residuals(problem, x[:-1], x[-1], value)
-    return value, log_p, tau
+def at_B(problem: Flexible, x: Values) -> tuple[Any, Any]:
+    """ln(p₃/p₃CD) and τ at B, real or complex."""
+    size = x.shape[0] - 1
+    unused, log_p, tau = np.empty((2, size), x.dtype), np.empty(size, x.dtype), np.empty(size, x.dtype)
+    quadratures(problem, x[:-1], x[-1], unused[0], log_p, unused[1], tau)
+    return log_p[0], tau[0]
 
 
 def integration_matrices() -> Integrals:

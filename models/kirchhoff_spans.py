@@ -15,30 +15,40 @@ Elasticity, section 20). Limits: small angles between span and contact (|λ θ_s
 p₃ → ∞ recovers the flexible yarn.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from models import flexible
-from models.boundary_value import Array, Values, highest_derivatives, register, solve
+from models.boundary_value import Array, Values, highest_derivatives, linearised, register, solve
 from models.compiled import compiled
 from models.complex_step import sine_cosine
-from models.discretisation import chebyshev_collocation, interpolation
+from models.continuation import Branch, End, collocated_family, follow
+from models.diagnosis import Failure, fold, possible
+from models.discretisation import chebyshev_collocation, interpolation, polynomial
+from models.flexible import Guess, first_guess, nearest, several
 from models.friction import end_conditions, friction_direction
 from models.kirchhoff import balance_by_arc
 from models.newton import NewtonStatus
 from models.outcome import Outcome, Solution
-from models.refinement import NEWTON_FAILED, SETTLED, START_FAILED, UNRESOLVED, Refined, relative_change
+from models.refinement import NEWTON_FAILED, SETTLED, UNRESOLVED, Refined, relative_change
 from models.scene import BENDING_RIGIDITY, FRICTION, SPAN_RATIO, TENSION_CD, YARN_RADIUS, Dimensionless, Scene
+from models.slow_manifold import LARGEST_CHANGE
 from models.solution import PROFILE_POINTS, Fields, failed, solution
 
 NAME = "kirchhoff-spans"
 ORDERS = highest_derivatives(1, 1, 1, 1, 1)
-DEGREES = (12, 16, 24, 32, 48, 64, 96)
+DEGREES = (12, 16, 24, 32, 48, 64, 96, 128)
 PRECISION = 1e-9
 """Change of the ends between neighbouring degrees at which the refinement ends."""
-LARGEST_CHANGE = 1e-6
-"""Change above which the layers count as not resolved."""
+RESIDUAL_TOLERANCE = 1e-11
+"""Times the degree squared, as the rounding of derivatives grows."""
+LARGEST_DEFECT = 1e-6
+"""Above it a solution counts as unresolved: of 37 random ones all with forces off by 1e-3, differentiated anew, are."""
+BRANCH_DEGREES = (24, 40, 56)
+"""For following the branch from no friction; a fold is located with two neighbouring ones."""
+SLACK = 1e-3
+"""p₃/p₃CD below which a branch beyond a fold counts as ended."""
 
 
 class Spans(NamedTuple):
@@ -96,60 +106,126 @@ def normal_force(scene: Array, values: Array) -> Array:
     return normal
 
 
-def solve_kirchhoff_spans(scene: Scene, *, profile: bool = True) -> Solution:
-    """Solve with resolved layers. Never raises for a hard scene: the outcome says what happened."""
+def solve_kirchhoff_spans(scene: Scene, *, profile: bool = True, rotation: float | None = None) -> Solution:
+    """Solve with resolved layers; arguments as for the flexible yarn."""
     problem = scene.dimensionless()
-    found = find(problem)
-    if found.ending == UNRESOLVED:
-        width = np.sqrt(problem.bending_rigidity / problem.tension_CD) / problem.wrap_angle
-        text = f"layers of {width:.1e} of the contact are not resolved by a polynomial of degree {found.degree}"
-        return failed(scene, NAME, Outcome.NOT_CONVERGED, text, found)
-    return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None)
+    found, roots = find(scene, rotation)
+    if isinstance(found, Failure):
+        return failed(scene, NAME, found.outcome, found.message)
+    others = several(scene, roots, found.w, " of the flexible yarn")
+    return solution(scene, NAME, found, (lambda: _fields(problem, found)) if profile else None, others=others)
 
 
-def find(scene: Dimensionless) -> Refined:
-    """Refine from the flexible yarn until the ends stop changing; `Refined.fields` holds the five fields."""
-    yarn = flexible.find(scene.vector, flexible.integration_matrices())
-    if yarn.ending != SETTLED:
-        return yarn._replace(ending=START_FAILED)
-    nodal = np.array([2 * np.arctan(np.exp(yarn.fields[0])), np.exp(yarn.fields[1]), yarn.fields[2]])
-    iterations, previous = int(yarn.iterations), None
-    fields, w = np.empty((5, 0)), float(yarn.w)
-    best = yarn._replace(ending=UNRESOLVED)
+def find(scene: Scene, rotation: float | None = None) -> tuple[Refined | Failure, Sequence[float]]:
+    """The solution or the reason why there is none, and w of all solutions of the flexible yarn, as far as known.
+
+    From the flexible yarn first, then along the branch of solutions that starts at the frictionless circle.
+    """
+    problem, start = scene.dimensionless(), first_guess(scene, rotation)
+    roots = start.roots if start is not None else ()
+    if start is not None:
+        found = refine(problem, start)
+        if found.ending == SETTLED and nearest(roots, found.w) == start.w:
+            return found, roots
+    if rotation is not None and len(roots) > 1:
+        text = f"no solution of this model was found near n₁ = {rotation:.6g} /s, where the flexible yarn has one"
+        return Failure(Outcome.NOT_CONVERGED, text), roots
+    return _from_frictionless(problem), roots
+
+
+def refine(scene: Dimensionless, start: Guess) -> Refined:
+    """Raise the degree until the ends stop changing; `Refined.fields` holds the five fields."""
+    best = Refined(
+        NEWTON_FAILED, NewtonStatus.NOT_FINITE, 0, np.empty((5, 0)), start.w, np.full(3, np.nan), np.full(3, np.nan),
+        np.inf, np.nan, np.inf, np.nan, 0, np.nan, np.nan, np.nan, np.nan,
+    )  # fmt: skip
+    iterations, previous, fields, w = 0, None, np.empty((5, 0)), start.w
     for degree in DEGREES:
         grid = chebyshev_collocation(degree, scene.wrap_angle)
-        if fields.size:
-            fields = fields @ interpolation(fields.shape[1] - 1, degree).T
+        if previous is None:
+            fields, w = _smooth(start.at(grid.nodes), grid.nodal_derivatives[1]), start.w
         else:
-            fields = _start(nodal @ interpolation(yarn.degree, degree).T, grid.nodal_derivatives[1])
-        trial = solve(Spans(scene.vector), ORDERS, grid, fields, w)
+            fields = fields @ interpolation(fields.shape[1] - 1, degree).T
+        residual_tolerance = RESIDUAL_TOLERANCE * degree**2
+        trial = solve(Spans(scene.vector), ORDERS, grid, fields, w, residual_tolerance=residual_tolerance)
         iterations += trial.iterations
-        best = best._replace(status=trial.status, degree=degree, iterations=iterations)
-        if trial.status is not NewtonStatus.CONVERGED:
-            best = best._replace(ending=NEWTON_FAILED)
-            previous, fields, w = None, np.empty((5, 0)), float(yarn.w)
+        if trial.status is not NewtonStatus.CONVERGED or not _possible(trial.fields):
+            previous = None
+            if best.ending == NEWTON_FAILED:
+                best = best._replace(status=trial.status, degree=degree, iterations=iterations)
             continue
         fields, w = trial.fields, trial.w
         found = ends(scene.tension_CD, fields[:, 0])
-        best = Refined(
-            UNRESOLVED, trial.status, degree, fields, w, found, np.full(3, np.nan), np.inf, float(fields[0, -1]),
-            np.inf, np.nan, iterations, trial.step, trial.residual, trial.boundary_residual, trial.condition,
-        )  # fmt: skip
-        if previous is not None:
-            size = float(relative_change(found, previous))
-            ending = SETTLED if size < LARGEST_CHANGE else UNRESOLVED
-            best = best._replace(ending=ending, change=found - previous, size=size)
-            if size < PRECISION:
-                break
+        change = np.full(3, np.nan) if previous is None else found - previous
+        size = np.inf if previous is None else relative_change(found, previous)
+        if size <= best.size:
+            best = Refined(
+                SETTLED if size <= LARGEST_CHANGE else UNRESOLVED, trial.status, degree, fields, w, found, change, size,
+                float(fields[0, -1]), np.inf, np.nan, iterations, trial.step, trial.residual, trial.boundary_residual,
+                trial.condition,
+            )  # fmt: skip
+        if size < PRECISION:
+            break
         previous = found
     if best.ending != SETTLED:
         return best
+    if _defect(scene, best) > LARGEST_DEFECT:
+        return best._replace(ending=UNRESOLVED)
     contact = _fields(scene, best)
     lowest = int(np.argmin(contact.normal_force))
     return best._replace(normal_min=float(contact.normal_force[lowest]), psi_min=float(contact.psi[lowest]))
 
 
-def _start(values: Array, derivative: Array) -> Array:
+def _possible(fields: Array) -> bool:
+    return possible(fields[0], fields[3])
+
+
+def _defect(scene: Dimensionless, found: Refined) -> float:
+    """Largest residual between the collocation points: of θ_s, of λ θ_ss, of forces relative to the largest tension."""
+    values = _arguments(scene, found)
+    left_over, _ = linearised(Spans(scene.vector), np.ascontiguousarray(values.T), found.w, len(ORDERS))
+    scale = np.array([1.0, np.sqrt(scene.bending_rigidity / scene.tension_CD), 1.0, 1.0])
+    scale[2:] /= np.max(found.fields[3])
+    return float(np.max(np.abs(left_over[:, :4]) * scale))
+
+
+def _from_frictionless(scene: Dimensionless) -> Refined | Failure:
+    """Follow the branch from μ = 0: the solution at its end, or the reason why there is none."""
+    degrees = BRANCH_DEGREES
+    branch = _follow(scene, degrees[0])
+    if branch.end is End.REACHED and not _possible(
+        branch.x[:-1].reshape(5, -1)
+    ):  # the polynomial was too coarse to see a fold
+        degrees = degrees[1:]
+        branch = _follow(scene, degrees[0])
+    fields, w = branch.x[:-1].reshape(5, -1), float(branch.x[-1])
+    if branch.end is End.REACHED:
+        found = refine(scene, Guess(polynomial(fields[[0, 3, 4]], scene.wrap_angle), w, (w,)))
+        if found.ending == SETTLED:
+            return found
+        if found.ending == UNRESOLVED:
+            width = np.sqrt(scene.bending_rigidity / (scene.tension_CD * np.max(found.fields[3]))) / scene.wrap_angle
+            text = f"degree {DEGREES[-1]}, layers of {width:.1e} of the contact"
+            return Failure(Outcome.UNRESOLVED, f"{Outcome.UNRESOLVED.value} ({text}); kirchhoff leaves layers out")
+    if branch.folds and (branch.end is End.TURNED or np.min(fields[3]) < SLACK):
+        return fold(branch, _follow(scene, degrees[1]), scene.friction)
+    text = f"followed from no friction to μ = {branch.parameter:.3g} of {scene.friction:.3g}: {branch.end.value}"
+    if not _possible(fields):
+        text += ", where the yarn would be slack or turned past the cylinder's axis"
+    return Failure(Outcome.NOT_CONVERGED, f"{Outcome.NOT_CONVERGED.value} ({text})")
+
+
+def _follow(scene: Dimensionless, degree: int) -> Branch:
+    """The branch from the frictionless circle to μ."""
+    fields = np.zeros((5, degree + 1))
+    fields[0], fields[3], fields[4] = np.pi / 2, 1.0, 2 * np.pi * scene.twist_CD
+    grid = chebyshev_collocation(degree, scene.wrap_angle)
+    family = collocated_family(Spans, scene.vector, FRICTION, ORDERS, grid)
+    with np.errstate(all="ignore"):  # a trial may leave the domain: it then counts as failed
+        return follow(family, np.append(fields, scene.twist_rotation(scene.twist_CD)), 0.0, scene.friction)
+
+
+def _smooth(values: Array, derivative: Array) -> Array:
     """The five fields of a smooth solution θ, p₃/p₃CD, u₃ at the nodes, shape (5, n + 1)."""
     theta, tension, u3 = values
     theta_s = np.sin(theta) * (derivative @ theta)
@@ -162,11 +238,15 @@ def ends(tension_CD: Any, at_B: Values) -> Values:
     return np.array([tension * tension_CD, (u3 - np.sin(theta) * np.cos(theta)) / (2 * np.pi), theta])
 
 
-def _fields(scene: Dimensionless, found: Refined) -> Fields:
-    """The solution and its normal force on an even grid."""
-    psi = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS)
+def _arguments(scene: Dimensionless, found: Refined) -> Array:
+    """The fields, each with its derivative by ψ, on an even grid, shape (10, PROFILE_POINTS)."""
     to_profile = interpolation(found.degree, PROFILE_POINTS - 1, even=True)
     slopes = found.fields @ chebyshev_collocation(found.degree, scene.wrap_angle).nodal_derivatives[1].T
-    values = np.stack([found.fields, slopes], axis=1).reshape(10, -1) @ to_profile.T
+    return np.stack([found.fields, slopes], axis=1).reshape(10, -1) @ to_profile.T
+
+
+def _fields(scene: Dimensionless, found: Refined) -> Fields:
+    """The solution and its normal force on an even grid."""
+    psi, values = np.linspace(0.0, scene.wrap_angle, PROFILE_POINTS), _arguments(scene, found)
     theta, slope, tension, u3 = values[0], values[1], values[6], values[8]
     return Fields(scene, psi, theta, slope, tension * scene.tension_CD, u3, normal_force(scene.vector, values))

@@ -55,6 +55,26 @@ def jacobian(problem: Any, x: Array, matrix: Array) -> None:
     raise NotImplementedError(f"no derivatives for {type(problem).__name__}")
 
 
+# What is compiled for a call from an inner function is not shared with calls from others: these two are for the latter.
+
+
+@inner
+def system(problem: Any, x: Array) -> tuple[Array, Array]:
+    """F(x), shape (n,), and ∂F/∂x, shape (n, n)."""
+    value, matrix = np.empty(x.shape[0]), np.empty((x.shape[0], x.shape[0]))
+    residual(problem, x, value)
+    jacobian(problem, x, matrix)
+    return value, matrix
+
+
+@inner
+def values(problem: Any, x: NDArray[Any]) -> NDArray[Any]:
+    """F(x), shape (n,), real or complex."""
+    value = np.empty_like(x)
+    residual(problem, x, value)
+    return value
+
+
 class LinearSystem(NamedTuple):
     """A factorised matrix."""
 

@@ -37,8 +37,8 @@ class Outcome(Enum):
         "the end layers are no faster than the solution between them, so the equations with four boundary conditions "
         "do not determine a solution: use the flexible model, or raise the tension"
     )
+    UNRESOLVED = "the solution is steeper than a polynomial of the highest degree can follow"
     LIFT_OFF = "the normal force is not positive everywhere: the yarn lifts off the cylinder and contact is lost"
-
     BAD_INPUT = "the row is no valid scene"
 
     @property

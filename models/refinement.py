@@ -120,7 +120,7 @@ def outcome(found: Refined, scene: Scene) -> tuple[Outcome, str]:
         case Ending.START_FAILED:
             result, detail = Outcome.NOT_CONVERGED, f"the flexible start: {NewtonStatus(found.status).text}"
         case Ending.UNRESOLVED:
-            result, detail = Outcome.NOT_CONVERGED, f"not resolved by a polynomial of degree {found.degree}"
+            result, detail = Outcome.UNRESOLVED, f"degree {found.degree}"
         case Ending.ILL_CONDITIONED:
             detail = f"condition number {found.condition:.1e} at the lowest degrees"
             result = Outcome.NO_SCALE_SEPARATION

@@ -50,8 +50,11 @@ ROOT_TOLERANCE = 1e-5
 """Of G relative to 1 + |w|, where w is exact to rounding: above it G jumps instead of passing through zero."""
 MAX_STEPS = 20_000
 FRICTION_STEPS = 16
-BESIDE_JUMP = 1e-9
-"""How near to the jump of G it is evaluated, relative to 1 + |w|: solutions can be as near to it as 1e-5."""
+BESIDE_JUMP = np.array([1e-6, 1e-5, 1e-4])
+"""How near to the jump of G it is evaluated, relative to 1 + |w|: solutions can be as near to it as 1e-5.
+
+The nearer, the more often a yarn that is all but at rest makes an integration run out of steps: of 338 values in random
+scenes half, 15 % and none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +79,11 @@ def find_roots(scene: Array) -> Roots:
     """All solutions of the scene with the numbers `Dimensionless.vector`, and the one that it settles on."""
     trials = _trials(scene)
     values = scan(scene, trials)
+    known = np.isfinite(values)  # not where an integration ran out of steps, beside the jump
+    trials, above = trials[known], values[known] > 0
     roots: list[float] = []
     sticking = False
-    for i in np.flatnonzero(np.sign(values[1:]) != np.sign(values[:-1])):
+    for i in np.flatnonzero(above[1:] != above[:-1]):
         w, left = refine(scene, float(trials[i]), float(trials[i + 1]), TOLERANCE)
         if left <= ROOT_TOLERANCE * (1 + abs(w)):
             roots.append(w)
@@ -110,7 +115,8 @@ def _trials(scene: Array) -> Array:
     if speed > 1:
         jump = scene[TWIST_CD] - scene[CYLINDER_SPEED] / spin * math.sqrt(1 - 1 / speed**2)
         beside = BESIDE_JUMP * (1 + abs(jump))
-        trials = np.sort(np.append(trials, [jump - beside, jump + beside]))
+        if trials[0] < jump < trials[-1]:
+            trials = np.sort(np.concatenate([trials, jump - beside, jump + beside]))
     return np.asarray(trials, dtype=np.float64)
 
 
@@ -232,7 +238,10 @@ def scan(scene: Array, trials: Array) -> Array:
 
 @compiled
 def refine(scene: Array, low: float, high: float, tolerance: float) -> tuple[float, float]:
-    """Root of G between two w where its sign differs, by bisection and secants (Illinois), and |G| there."""
+    """Root of G between two w where its sign differs, by bisection and secants (Illinois), and |G| there.
+
+    |G| is NaN where the yarn comes to rest between the two.
+    """
     at_low, guess = mismatch(scene, low, 0.0, tolerance)
     at_high, guess = mismatch(scene, high, guess, tolerance)
     w, value = low, at_low
@@ -240,7 +249,7 @@ def refine(scene: Array, low: float, high: float, tolerance: float) -> tuple[flo
     for iteration in range(200):
         w = (low * at_high - high * at_low) / (at_high - at_low) if iteration % 3 else 0.5 * (low + high)
         value, guess = mismatch(scene, w, guess, tolerance)
-        if value == 0.0 or high - low <= 4e-16 * (abs(low) + abs(high)):
+        if value == 0.0 or not np.isfinite(value) or high - low <= 4e-16 * (abs(low) + abs(high)):
             break
         if (value > 0) == (at_high > 0):
             high, at_high = w, value

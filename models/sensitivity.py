@@ -38,9 +38,11 @@ def sensitivities(scene: Scene, model: str) -> Mapping[str, Ends] | None:
     if perhaps_several(vector) and len(find_roots(vector).w) > 1:
         return None
     if model == kirchhoff_spans.NAME:
-        elastic = kirchhoff_spans.find(scene.dimensionless())
+        elastic, _ = kirchhoff_spans.find(scene)
+        if not (isinstance(elastic, Refined) and outcome(elastic, scene)[0].ok):
+            return None
         kind, orders, at_B = kirchhoff_spans.Spans, kirchhoff_spans.ORDERS, kirchhoff_spans.ends
-        return _collocated(scene, vector, elastic, kind, orders, at_B) if outcome(elastic, scene)[0].ok else None
+        return _collocated(scene, vector, elastic, kind, orders, at_B)
     if model in (flexible.NAME, capstan.NAME):
         found = flexible.find(vector, flexible.integration_matrices())
         return _flexible(scene, vector, found) if outcome(found, scene)[0].ok else None
@@ -101,13 +103,12 @@ def _collocated(
 def _flexible(scene: Scene, vector: Array, found: Refined) -> dict[str, Ends]:
     x = np.append(found.fields[0], found.w)
     integration = chebyshev_integration(found.degree)
-    matrix = flexible.jacobian_matrix(flexible.Flexible(vector, integration * (scene.wrap_angle / 2)), x)
+    _, matrix = evaluated(flexible.Flexible(vector, integration * (scene.wrap_angle / 2)), x)
     result: dict[str, Ends] = {}
     for name, (step, inputs, numbers) in _moved(scene).items():
         problem = flexible.Flexible(numbers, integration * (numbers[WRAP_ANGLE] / 2))
-        residual: Complex = flexible.values(problem, x.astype(np.complex128))[0]
-        direction = np.asarray(-np.linalg.solve(matrix, residual.imag / COMPLEX_STEP), dtype=np.float64)
+        direction = np.asarray(-np.linalg.solve(matrix, parameter_slopes(problem, x)), dtype=np.float64)
         moved = x + 1j * COMPLEX_STEP * direction
-        _, log_p, tau = flexible.values(problem, moved)
+        log_p, tau = flexible.at_B(problem, moved)
         result[name] = _ends(inputs, flexible.ends(numbers[TENSION_CD], moved[0], log_p, tau), step)
     return result

@@ -187,8 +187,14 @@ def normal_forces(problem: Any, f: Array) -> Array:
     """N in K/r₀³, shape (n,), from the pointwise arguments, shape (n, 8)."""
     normal = np.empty(f.shape[0])
     for j in range(f.shape[0]):
-        normal[j] = normal_force(problem, f[j]) * problem.scene[TENSION_CD]
+        normal[j] = normal_at(problem, f[j])
     return normal
+
+
+@inner
+def normal_at(problem: Any, f: Array) -> float:
+    """N in K/r₀³."""
+    return normal_force(problem, f) * problem.scene[TENSION_CD]
 
 
 @inner
@@ -233,10 +239,10 @@ def lowest_normal_force(problem: Any, matrices: Derivatives, fields: Array) -> t
         derivatives = scaled(packed, points, degree + 1, length)
         for j in range(points):
             pointwise_arguments(ORDERS, derivatives, j, x, f)
-            normal = normal_force(problem, f)
+            normal = normal_at(problem, f)
             if normal < lowest:
                 lowest, where = normal, (1 - np.cos(np.pi * (j + shift) / degree)) / 2
-    return lowest * problem.scene[TENSION_CD], where * length
+    return lowest, where * length
 
 
 @dataclass(frozen=True, slots=True)

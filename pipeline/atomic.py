@@ -23,7 +23,7 @@ def whole_file(path: Path) -> Iterator[TextIO]:
     Raises
     ------
     InputError
-        If the folder is missing or not writable.
+        If the folder is missing or not writable, or `path` is a folder.
     """
     with _replacing(path) as handle, os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
         yield file
@@ -35,7 +35,7 @@ def whole_bytes(path: Path, content: bytes) -> None:
     Raises
     ------
     InputError
-        If the folder is missing or not writable.
+        If the folder is missing or not writable, or `path` is a folder.
     """
     with _replacing(path) as handle, os.fdopen(handle, "wb") as file:
         file.write(content)
@@ -44,6 +44,8 @@ def whole_bytes(path: Path, content: bytes) -> None:
 @contextmanager
 def _replacing(path: Path) -> Iterator[int]:
     """Descriptor of a new file, for the block to write and close, that takes the place of `path` if it ends well."""
+    if path.is_dir():
+        raise InputError(path, "is a folder", "give a path of a file")
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
     except OSError as error:

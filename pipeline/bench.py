@@ -208,7 +208,7 @@ def endings(count: int) -> list[Ending]:
             for model in (flexible.NAME, cosserat.NAME, kirchhoff.NAME):
                 outcome = MODELS[model](scene, profile=False).outcome
                 found.append(Ending(model, *place, outcome.name.lower()))
-            solved = by_solve_bvp(d, 1e-6, 20)[0]
+            solved = by_solve_bvp(d, 1e-6, 20, straight=True)[0]
             outcome = Outcome.CONVERGED if solved else Outcome.NOT_CONVERGED
             found.append(Ending(BVP, *place, outcome.name.lower()))
     return found

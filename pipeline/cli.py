@@ -457,6 +457,8 @@ def _models(names: str) -> list[str]:
     for name in chosen:
         if name not in MODELS:
             raise InputError("--model", f"unknown model '{name}'", nearest(name, list(MODELS)))
+        if chosen.count(name) > 1:
+            raise InputError("--model", f"'{name}' stands twice", "name each model once")
     if not chosen:
         raise InputError("--model", "no model named", f"known: {', '.join(MODELS)}")
     return chosen

@@ -1,4 +1,4 @@
-"""The flexible yarn solved by other programs, for comparison: each from the circle at constant tension and twist.
+"""The flexible yarn solved by other programs, for comparison, from the circle at constant tension and twist.
 
 The equations are those of models/flexible.py in θ, p₃/p₃CD and τ, written once more in plain numpy and for CasADi.
 """
@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_bvp, solve_ivp
+from scipy.integrate import cumulative_trapezoid, solve_bvp, solve_ivp
 from scipy.optimize import root
 
 from models.scene import Dimensionless
@@ -21,15 +21,22 @@ CASADI_ORDER = 4
 """Legendre points in an interval: the ends converge with order 8."""
 
 
-def by_solve_bvp(d: Dimensionless, tolerance: float, nodes: int = 5) -> tuple[bool, float, int]:
-    """By scipy's solve_bvp, adaptive collocation of fourth order: success, p₃AB and the number of nodes."""
+def by_solve_bvp(
+    d: Dimensionless, tolerance: float, nodes: int = 5, *, straight: bool = False
+) -> tuple[bool, float, int]:
+    """By scipy's solve_bvp, adaptive collocation of fourth order: success, p₃AB and the number of nodes.
+
+    Parameters
+    ----------
+    straight : start where models/flexible.py starts, instead of from the circle.
+    """
     psi = np.linspace(0, d.wrap_angle, nodes)
-    start = np.repeat(_circle(d)[:3, None], nodes, axis=1)
+    guess = _straight(d, psi) if straight else np.repeat(_circle(d)[:, None], nodes, axis=1)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # a diverging iterate overflows; success says what became of it
         found = solve_bvp(
             lambda _, y, p: np.array(_slopes(np, d, y, p[0])), lambda b, c, p: np.array(_ends(np, d, b, c, p[0])),
-            psi, start, p=_circle(d)[3:], tol=tolerance, max_nodes=20_000,
+            psi, guess[:3], p=guess[3, :1], tol=tolerance, max_nodes=20_000,
         )  # fmt: skip
     return bool(found.success), float(d.tension_CD * found.y[1, 0]), int(found.x.size)
 
@@ -82,6 +89,30 @@ def by_casadi(d: Dimensionless, intervals: int) -> Callable[[], float]:
 def _circle(d: Dimensionless) -> np.ndarray:
     """θ, p₃/p₃CD, τ and n₁/v of the circle, shape (4,)."""
     return np.array([math.pi / 2, 1.0, 2 * math.pi * d.twist_CD, d.twist_rotation(d.twist_CD)])
+
+
+def _straight(d: Dimensionless, psi: np.ndarray) -> np.ndarray:
+    """θ, p₃/p₃CD, τ and n₁/v at ψ, shape (4, n): q = ln tan(θ/2) straight along the contact, p₃ and τ by quadrature.
+
+    Friction has the direction that a yarn square to the axis has, with the rotation of the circle, for q; then that of
+    the yarn.
+    """
+    w, fine = float(_circle(d)[3]), np.linspace(0, d.wrap_angle, 1001)
+    spin = 2 * math.pi * d.yarn_radius * (w - d.twist_CD)
+    slope = d.friction * (d.cylinder_speed + spin) / math.hypot(d.cylinder_speed + spin, 1)
+    theta = 2 * np.arctan(np.exp(slope * (fine - d.wrap_angle / (1 + d.span_ratio))))
+
+    def to_C(slopes: np.ndarray) -> np.ndarray:
+        """∫ from ψ to φ."""
+        return cumulative_trapezoid(slopes[::-1], -fine[::-1], initial=0)[::-1]
+
+    _, log_slope, _ = _slopes(np, d, (theta, 1.0, 0.0), w)
+    tension = np.exp(-to_C(log_slope))
+    _, _, tau_slope = _slopes(np, d, (theta, tension, 0.0), w)
+    bent = np.sin(theta) * np.cos(theta)
+    tau = 2 * math.pi * d.twist_CD + bent[-1] - to_C(tau_slope)
+    w = d.twist_rotation((tau[0] - bent[0]) / (2 * math.pi))
+    return np.array([np.interp(psi, fine, values) for values in (theta, tension, tau, np.full_like(fine, w))])
 
 
 def _slopes(library: Any, d: Dimensionless, y: Any, w: Any) -> tuple[Any, Any, Any]:

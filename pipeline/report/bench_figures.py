@@ -12,6 +12,7 @@ OUTCOMES = {
     "several_solutions": "#08519c",
     "fold": "#d94801",
     "no_scale_separation": "#bdbdbd",
+    "unresolved": "#fdae6b",
     "lift_off": "#31a354",
     "sticking": "#984ea3",
     "not_converged": "#000000",

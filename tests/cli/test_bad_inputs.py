@@ -196,6 +196,7 @@ def test_8_bit_clip_is_flagged(yarnval, study, tmp_path):
     [
         (["predict", "nothing.csv"], ["nothing.csv", "cannot be read"]),
         (["predict", "nothing.csv", "--model", "cosserrat"], ["cosserrat", "did you mean 'cosserat'?"]),
+        (["predict", "nothing.csv", "--model", "flexible,auto,flexible"], ["--model", "'flexible' stands twice"]),
         (["measure", "nothing.mkv", "--fps", "1200"], ["--scale-um-per-px", "no mm and no tpm"]),
         (["measure", "nothing.mkv", "--fps", "x", "--scale-um-per-px", "5"], ["--fps"]),
         (["measure", "nothing.mkv", "--fps", "-1", "--scale-um-per-px", "5"], ["--fps", "greater than 0"]),
@@ -219,6 +220,16 @@ def test_wrong_calls(yarnval, call, words):
     assert ran.code == 2
     assert all(word in ran.line for word in words), ran.line
     assert ran.out == ""
+
+
+def test_a_folder_as_output_file(yarnval, tmp_path):
+    case = Path(__file__).parents[2] / "data_samples" / "yin2020" / "case1" / "case.toml"
+    (tmp_path / "folder").mkdir()
+    before = set(tmp_path.iterdir())
+    ran = yarnval("predict", case, "--model", "flexible", "--out", tmp_path / "folder")
+    assert ran.code == 2
+    assert "is a folder; give a path of a file" in ran.line
+    assert set(tmp_path.iterdir()) == before
 
 
 def test_a_column_name_with_an_unseen_character_shows_it(yarnval, tmp_path):
