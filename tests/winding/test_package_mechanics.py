@@ -164,6 +164,13 @@ def wind_rings(rings: int, ring: float, contact: float, core: float, sunk: float
     return 1 - shift * ring / pressure
 
 
+@compiled
+def hold(p: Package, yarn: Yarn, start: int, stop: int) -> None:
+    """The bobbin takes hold of elements start … stop − 1 at T₀."""
+    for k in range(start, stop):
+        p.node[k].hold = (yarn.axial + T0) / length_of(p, k, yarn.sunk)
+
+
 def test_layers_keep_the_tension_of_wound_rings():
     """A yarn that crosses itself at every node is a stack of rings.
 
@@ -182,8 +189,7 @@ def test_layers_keep_the_tension_of_wound_rings():
         start, stop = ring * nodes, (ring + 1) * nodes
         put_on_top(p, yarn.diameter, start, stop)
         settle(p, yarn, room, start, Laying(stop, T0), 1e-10, 0.0)
-        for k in range(max(start - 1, 0), stop - 1):
-            p.node["hold"][k] = (yarn.axial + T0) / length_of(p, k, yarn.sunk)
+        hold(p, yarn, max(start - 1, 0), stop - 1)
         settle(p, yarn, room, 0, Laying(stop, 0.0), 1e-10, 0.0)
     tension = element_lengths(p, 0, n - 1) * p.node["hold"][: n - 1] - yarn.axial
     left = tension[nodes // 2 :: nodes] / T0
