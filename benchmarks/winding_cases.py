@@ -283,8 +283,10 @@ def figures(runs: dict[str, dict[str, np.ndarray]], folder: Path) -> None:
                 if r is not None and r is not best:
                     error = np.sqrt(np.mean((by_phase(r) / by_phase(best) - 1) ** 2))
                     axes.loglog(r["numbers"][1], error, mark)
-                    axes.annotate(f" {mode} {length} mm", (r["numbers"][1], error), fontsize=8)
-        axes.set(xlim=(0.03, 300), ylim=(1e-3, 1e-1))
+                    place, text = (r["numbers"][1], error), f"{mode} {length} mm"
+                    shift, side = {4: ((-6, -3), "right"), 2: ((-6, -16), "left"), 1: ((6, -3), "left")}[length]
+                    axes.annotate(text, place, shift, textcoords="offset points", ha=side, fontsize=8)
+        axes.set(xlim=(0.002, 300), ylim=(1e-3, 1e-1))
         axes.set(xlabel="CPU time (s)", ylabel="span tension over the guide cycle:\nrms deviation from reference 1 mm")
         figure.savefig(folder / "work_error.svg", metadata=metadata)
 

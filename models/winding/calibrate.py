@@ -114,10 +114,12 @@ def calibrate_to_span(scene: WindingScene, readings: Array, names: Sequence[Name
     Raises
     ------
     ValueError
-        If there are fewer readings than quantiles that are compared.
+        If there are fewer readings than quantiles that are compared, or their mean is not above 0.
     """
     if readings.size < QUANTILES.size:
         raise ValueError(f"{readings.size} readings: at least {QUANTILES.size} are needed")
+    if not readings.mean() > 0:
+        raise ValueError(f"mean tension {readings.mean():g} N: must be greater than 0")
 
     def quantiles(result: WindingResult) -> Array:
         settled = result.span_tension[result.time > 2 * scene.speed_rise]

@@ -17,6 +17,9 @@ from pipeline.winding.study import MeasuredLog, WindingStudy, read_log
 
 _COLUMNS = ("layer", "T_over_T0")
 
+HIGHEST = 100.0
+"""Largest T/T₀ of a layer that is taken for a measurement."""
+
 
 @dataclass(frozen=True, slots=True)
 class CalibratedStudy:
@@ -105,8 +108,8 @@ def read_layers(file: Path) -> Array | None:
             value = float(row["T_over_T0"])
         except (TypeError, ValueError):
             value = math.nan
-        if not (math.isfinite(value) and value >= 0):
-            raise InputError(where, f"T_over_T0 is {row['T_over_T0']!r}", "give a tension over T₀, 0 or greater")
+        if not 0 <= value <= HIGHEST:
+            raise InputError(where, f"T_over_T0 is {row['T_over_T0']!r}", f"give a tension over T₀, 0 to {HIGHEST:g}")
         values.append(value)
     return np.array(values)
 

@@ -158,5 +158,5 @@ def measured_at(log: RawTension, at: Array, start: float) -> Array:
 
 
 def errors(samples: Array, reference: Array, said: str) -> Errors:
-    """Eq. 14 for each sample; `said` names the reference."""
-    return Errors(said, 100 * np.abs(samples - reference) / reference)
+    """Eq. 14 for each sample; NaN where the reference is not above 0. `said` names the reference."""
+    return Errors(said, 100 * np.abs(samples - reference) / np.where(reference > 0, reference, math.nan))

@@ -134,6 +134,8 @@ BAD = [
     ("layer,T_over_T0\n1,half\n", "line 2: T_over_T0 is 'half'"),
     ("layer,T_over_T0\n1\n", "line 2: T_over_T0 is None"),
     ("layer,T_over_T0\n1,nan\n", "line 2: T_over_T0 is 'nan'"),
+    ("layer,T_over_T0\n1,1e308\n", "line 2: T_over_T0 is '1e308'; give a tension over T₀, 0 to 100"),
+    ("time_s,tension_cN\n" + "".join(f"{i / 100},0\n" for i in range(40)), "mean tension 0 N; must be greater than 0"),
     ("layer,T_over_T0\n1,0.5\n2,0.6\n", "2 layers; 3 to"),
     ("layer,T_over_T0\n", "0 layers"),
     ("something,else\n1,2\n", "profile.csv"),  # read as a log, and refused as one

@@ -48,6 +48,7 @@ def test_a_sample_without_any_point_left_is_missing():
     assert math.isnan(samples[0])
     errors = metric.errors(samples, np.array([1.0, 0.2]), "made up")
     assert (errors.count, errors.mean_percent, errors.max_percent) == (1, pytest.approx(50), pytest.approx(50))
+    assert metric.errors(samples, np.array([1.0, 0.0]), "a machine at rest").count == 0
     nothing = metric.errors(np.array([math.nan]), np.array([1.0]), "made up")
     assert nothing.count == 0
     assert math.isnan(nothing.mean_percent)

@@ -165,8 +165,8 @@ def wind_rings(rings: int, ring: float, contact: float, core: float, sunk: float
 
 
 @compiled
-def hold(p, yarn, start, stop):
-    """Hold elements start … stop − 1 at T₀, as `fast.py` does those that are laid."""
+def hold(p: Package, yarn: Yarn, start: int, stop: int) -> None:
+    """The bobbin takes hold of elements start … stop − 1 at T₀."""
     for k in range(start, stop):
         p.node[k].hold = (yarn.axial + T0) / length_of(p, k, yarn.sunk)
 
