@@ -18,9 +18,10 @@ from pathlib import Path
 
 import numpy as np
 from measure_bias import BITS, FULL_SCALE, PROCESSES, Stack
+from numpy.typing import NDArray
 
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import RawVideo, Scale, Source
+from pipeline.records import FrameFlag, RawVideo, Scale, Source
 from pipeline.synthetic import Material, Optics, render_frame
 
 SHAPE = (300, 400)
@@ -67,18 +68,19 @@ def clip(kind: str, seed: int) -> dict[str, float | str]:
         video, Scale(metres, 0.0), cylinder_axis=None, method=method, plies=plies if plies > 1 else None, threads=1
     )
     s = m.summary
+    enters = (m.flag & FrameFlag.OUTLIER) == 0
     wrong_angle = np.mod(np.degrees(m.axis_angle) - angles + 90, 180) - 90
     turns = abs(tpm) * metres * SHAPE[0]
     about = math.degrees(s["helix_rotation"].mean / 1200 * 2 * math.pi)
     return {
         "kind": kind, "seed": seed, "diameter_px": diameter, "tpm": tpm, "turns": turns, "frames": FRAMES,
-        "frames_without_twist": int(np.count_nonzero(np.isnan(m.twist))),
+        "frames_without_twist": int(np.count_nonzero(np.isnan(m.twist))), "outliers": int(np.count_nonzero(~enters)),
         "angle_error_deg": float(np.nanmean(wrong_angle)) if np.any(np.isfinite(wrong_angle)) else math.nan,
-        "angle_sd_deg": float(np.nanstd(wrong_angle)) if np.any(np.isfinite(wrong_angle)) else math.nan,
+        "angle_sd_deg": spread(wrong_angle[enters]),
         "diameter_error_percent": 100 * (s["diameter"].mean / DIAMETER - 1),
         "diameter_u_percent": 100 * s["diameter"].u / DIAMETER,
         "twist_error_percent": 100 * (s["twist"].mean / tpm - 1),
-        "twist_sd_percent": 100 * float(np.nanstd(m.twist) / abs(tpm)) if np.any(np.isfinite(m.twist)) else math.nan,
+        "twist_sd_percent": 100 * spread(m.twist[enters]) / abs(tpm),
         "twist_u_percent": 100 * s["twist"].u / abs(tpm),
         "helix_error_deg": about - math.degrees(turn),
         "helix_u_deg": math.degrees(s["helix_rotation"].u / 1200 * 2 * math.pi),
@@ -86,12 +88,18 @@ def clip(kind: str, seed: int) -> dict[str, float | str]:
     }  # fmt: skip
 
 
+def spread(values: NDArray[np.float64]) -> float:
+    """Standard deviation of the frames that enter a clip's mean."""
+    return float(np.nanstd(values)) if np.any(np.isfinite(values)) else math.nan
+
+
 def statistics(rows: list[dict[str, float | str]]) -> None:
     """Print bias, spread and coverage (|error| ≤ 2u) by kind."""
     for kind in KINDS:
         mine = [row for row in rows if row["kind"] == kind]
         given = np.array([row["frames_without_twist"] < row["frames"] for row in mine])
-        print(f"{kind}: {len(mine)} clips, a twist in {np.count_nonzero(given)}")
+        outliers = sum(int(row["outliers"]) for row in mine)
+        print(f"{kind}: {len(mine)} clips, a twist in {np.count_nonzero(given)}, {outliers} frames outliers")
         for name, unit in (("angle", "deg"), ("diameter", "percent"), ("twist", "percent"), ("helix", "deg")):
             error = np.array([row[f"{name}_error_{unit}"] for row in mine], float)
             known = np.isfinite(error)
@@ -100,8 +108,8 @@ def statistics(rows: list[dict[str, float | str]]) -> None:
             text = f"  {name:9} n {known.sum():3} bias {error[known].mean():+.3f} {unit}"
             text += f", clips' scatter {error[known].std():.3f}, largest {np.abs(error[known]).max():.3f}"
             if f"{name}_sd_{unit}" in mine[0]:
-                spread = np.array([row[f"{name}_sd_{unit}"] for row in mine], float)
-                text += f", frames' sd {math.sqrt(np.nanmean(spread**2)):.3f}"
+                sd = np.array([row[f"{name}_sd_{unit}"] for row in mine], float)
+                text += f", frames' sd {math.sqrt(np.nanmean(sd**2)):.3f}"
             if f"{name}_u_{unit}" in mine[0]:
                 u = np.array([row[f"{name}_u_{unit}"] for row in mine], float)
                 held = known & np.isfinite(u)

@@ -1,6 +1,6 @@
 """How many frames a second are measured, and with how much memory, from the frames in memory and from files?
 
-    python benchmarks/measure_speed.py [FOLDER]      (default: reports; 3 minutes on a quiet machine)
+    python benchmarks/measure_speed.py [FOLDER]      (default: reports; 4 minutes on a quiet machine)
 
 writes measure_speed.csv, measure_readers.csv, measure_steps.csv, measure_memory.csv and measure_speed.svg. Synthetic
 frames of 800 × 600 pixels, 12 bits, of a yarn that swings by 1.5°, are repeated without being copied.
@@ -52,7 +52,7 @@ from pipeline.synthetic import Material, render_frame, write_video
 SHAPE = (600, 800)
 DIAMETER, TWIST = 40.0, 0.004
 RENDERED = 32
-COUNT = 512
+COUNT = 2048
 COUNTS = {"FFV1": 64, "scikit-image": 16}
 """Frames timed where it is not `COUNT`: these are slow."""
 PROFILED = 4000
