@@ -37,7 +37,7 @@ def lvm_text(path: Path, layout: Layout, wanted: str) -> LogText:
     Parameters
     ----------
     path : the file.
-    layout : says the encoding, and how the table is to be written.
+    layout : says the encoding; delimiter and decimal mark are those that the file states.
     wanted : the channel whose unit and spacing count.
 
     Raises
@@ -48,8 +48,8 @@ def lvm_text(path: Path, layout: Layout, wanted: str) -> LogText:
     lines = plain_text(path, layout).text.split("\n")
     if not lines[0].startswith("LabVIEW Measurement"):
         raise InputError(f"{path} line 1", "no 'LabVIEW Measurement'", "give a measurement file in text (.lvm)")
-    separator = next((line[9:10] for line in lines if line.startswith("Separator")), "\t")
-    rows = [line.split(separator) if separator else [line] for line in lines]
+    separator = next((line[9:10] for line in lines if line.startswith("Separator")), "") or "\t"
+    rows = [line.split(separator) for line in lines]
     ends = [index for index, row in enumerate(rows) if row[0] == _END]
     if len(ends) < 2 or len(rows) <= ends[1] + 1:
         raise InputError(path, f"{len(ends)} lines {_END} and no data after them", "give a log with samples")
@@ -67,23 +67,25 @@ def lvm_text(path: Path, layout: Layout, wanted: str) -> LogText:
         raise InputError(path, "each channel has X values of its own", "save it with one X column, or none")
     column = names.index(wanted) if wanted in names else 0
     mark = about.get("Decimal_Separator", ".")
+    if mark not in (".", ","):
+        raise InputError(path, f"Decimal_Separator is '{mark}'", "it should be '.' or ','")
     start, step = (
         (_spacing(path, columns, key, column, mark) for key in ("X0", "Delta_X"))
         if about.get("X_Columns") == "No" and column
         else (0.0, 0.0)
     )
 
-    table = [layout.delimiter.join(row) for row in rows[: first - 1]]
-    table.append(layout.delimiter.join(names))
+    table = [*lines[: first - 1], separator.join(names)]
     count = 0
     for row in rows[first:]:
-        fields = [field.replace(mark, layout.decimal) for field in row[: len(names)]]
+        fields = row[: len(names)]
         if step and any(fields):
-            fields[0] = repr(start + count * step)
+            fields[0] = repr(start + count * step).replace(".", mark)
             count += 1
-        table.append(layout.delimiter.join(fields))
+        table.append(separator.join(fields))
     _, units = columns.get("Y_Unit_Label", (0, []))
-    return LogText("\n".join(table), unit=units[column] if 0 < column < len(units) else "")
+    unit = units[column] if 0 < column < len(units) else ""
+    return LogText("\n".join(table), layout.model_copy(update={"delimiter": separator, "decimal": mark}), unit)
 
 
 def _spacing(path: Path, columns: dict[str, tuple[int, list[str]]], key: str, column: int, mark: str) -> float:
@@ -153,7 +155,7 @@ def tdms_text(path: Path, layout: Layout, wanted: str) -> LogText:
         columns = {layout.time_column: _fields(start + step * np.arange(len(values)), layout), **columns}
     unit = str(about.get("unit_string") or about.get("NI_UnitDescription") or "")
     text = as_text((columns, *zip(*columns.values(), strict=True)), layout)
-    return LogText(text, unit, {key: str(value) for key, value in about.items() if str(value)})
+    return LogText(text, layout, unit, {key: str(value) for key, value in about.items() if str(value)})
 
 
 def _channels(path: Path, file: Any, layout: Layout, wanted: str) -> tuple[Any, Any]:

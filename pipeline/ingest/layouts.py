@@ -69,8 +69,8 @@ class Layout(BaseModel):
     """Whether the layout was checked against a real file of that instrument."""
 
     format: Literal["text", "lvm", "tdms", "xlsx"] = "text"
-    """What the file is: a table of text, LabVIEW's measurement file in text or its TDMS file, or an Excel workbook.
-    Each of the last three is turned into a table of text with the delimiter and the decimal mark of the layout."""
+    """What the file is: a table of text, LabVIEW's measurement file in text (which states its own delimiter and decimal
+    mark) or its TDMS file, or an Excel workbook. The last two are turned into a table of text."""
     table: str = ""
     """The group of channels (tdms) or the sheet (xlsx) that holds the columns; empty where only one can be meant."""
     encoding: str = "utf-8-sig"

@@ -24,7 +24,9 @@ class LogText:
     """A log as a table of text."""
 
     text: str
-    """Lines of fields with the delimiter and the decimal mark of the layout, ended by ``\\n``."""
+    """Lines of fields, ended by ``\\n``."""
+    layout: Layout
+    """How they are laid out: as the given layout says, but where the file itself says otherwise."""
     unit: str = ""
     """Unit of the wanted column, where the file states it elsewhere than in the table."""
     metadata: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -57,7 +59,7 @@ def plain_text(path: Path, layout: Layout) -> LogText:
         line = data[:at].count(b"\n") + 1
         right = 'set the layout\'s encoding, such as "cp1252" or "utf-16"'
         raise InputError(f"{path} line {line}", f"byte 0x{data[at]:02x} is not {layout.encoding}", right) from None
-    return LogText(text.replace("\r\n", "\n").replace("\r", "\n"))
+    return LogText(text.replace("\r\n", "\n").replace("\r", "\n"), layout)
 
 
 def as_text(rows: Iterable[Iterable[str]], layout: Layout) -> str:

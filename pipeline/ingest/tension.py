@@ -53,6 +53,7 @@ def read_tension(path: Path, layout: Layout, *, root: Path | None = None, channe
     origin = source(path, root)
     wanted = channel or layout.tension_column
     as_text = _READERS[layout.format](path, layout, wanted)
+    layout = as_text.layout
     log = _Log(path, layout, wanted, as_text.text.split("\n"), as_text.unit)
     header, header_line = _header(log)
     table = _split(log, header, header_line + 1 + layout.units_row)

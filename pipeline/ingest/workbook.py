@@ -29,7 +29,7 @@ def workbook_text(path: Path, layout: Layout) -> LogText:
         why = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(path, f"it cannot be read as a workbook ({why})", "give a whole .xlsx file") from None
     width = max(map(len, rows), default=0)
-    return LogText(as_text((row + [""] * (width - len(row)) for row in rows), layout))
+    return LogText(as_text((row + [""] * (width - len(row)) for row in rows), layout), layout)
 
 
 def _sheet(path: Path, book: Any, layout: Layout) -> Any:
