@@ -46,7 +46,7 @@ import pipeline.measure.twist as twist_steps
 import pipeline.measure.yarn as yarn_steps
 from pipeline.ingest.video import open_video
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import RawVideo, Scale, Source
+from pipeline.records import CylinderAxis, RawVideo, Scale, Source
 from pipeline.synthetic import Material, render_frame, write_video
 
 SHAPE = (600, 800)
@@ -103,7 +103,7 @@ def in_memory(images: list[Pixels], count: int) -> RawVideo:
 
 
 def measure(video: RawVideo, threads: int) -> None:
-    m = measure_yarn(video, Scale(4e-6, 0.002), cylinder_axis=math.pi / 2, threads=threads)
+    m = measure_yarn(video, Scale(4e-6, 0.002), cylinder_axis=CylinderAxis(math.pi / 2), threads=threads)
     if np.count_nonzero(np.isfinite(m.twist)) < 0.99 * len(m.flag):
         raise RuntimeError("the timed frames were not measured")
 

@@ -13,7 +13,7 @@ from models.scene import Scene
 from models.solve import MODELS
 from pipeline.errors import InputError, nearest, refuse_unknown
 from pipeline.keys import CaseKeys, RawKeys, SceneKeys, StudyKeys, TensionKeys, read_toml, validated
-from pipeline.records import Measured, Quantity, Scale
+from pipeline.records import CylinderAxis, Measured, Quantity, Scale
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,10 @@ class RawFiles:
     fps: float | None
     bits: int | None
     """Significant bits of a pixel, where the files do not state them."""
-    cylinder_axis: float | None
-    """e_z as displayed [rad], counter-clockwise from the image's +x axis."""
+    cylinder_axis: CylinderAxis | None
+    """None where the cylinder's edges are to give it."""
+    u_tilt: float
+    """Standard uncertainty of the yarn's tilt out of the image plane [rad]; NaN where it is not stated."""
     method: str
     plies: int | None
 
@@ -221,7 +223,10 @@ def _raw_files(keys: RawKeys, file: Path) -> RawFiles:
         scale_image=file.parent / keys.scale_image if keys.scale_image is not None else None,
         fps=keys.fps,
         bits=keys.bits,
-        cylinder_axis=math.radians(keys.axis_deg) if keys.axis_deg is not None else None,
+        cylinder_axis=None
+        if keys.axis_deg is None
+        else CylinderAxis(math.radians(keys.axis_deg.value), math.radians(keys.axis_deg.standard_uncertainty)),
+        u_tilt=math.nan if keys.tilt_u_deg is None else math.radians(keys.tilt_u_deg),
         method=keys.method,
         plies=keys.plies,
     )

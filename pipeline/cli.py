@@ -14,7 +14,7 @@ from rich.console import Console
 from pipeline.errors import InputError, YarnvalError, nearest, refuse_unknown
 
 if TYPE_CHECKING:
-    from pipeline.records import Quantity
+    from pipeline.records import CylinderAxis, Quantity
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -345,6 +345,10 @@ def measure(
     ] = None,
     fps: Annotated[float | None, typer.Option(help="Recording rate where the file does not hold it.")] = None,
     axis_deg: Annotated[float | None, typer.Option(help="Cylinder axis as displayed, ° counter-clockwise.")] = None,
+    axis_u_deg: Annotated[float | None, typer.Option(help="Standard uncertainty of --axis-deg, in °.")] = None,
+    tilt_u_deg: Annotated[
+        float | None, typer.Option(help="Standard uncertainty of the yarn's tilt out of the image plane, in °.")
+    ] = None,
     method: Annotated[
         str, typer.Option(help="Twist method: surface (single yarn), ply (with --plies) or tracer (one dyed fibre).")
     ] = "surface",
@@ -366,8 +370,6 @@ def measure(
     option, given = _scale_option(scale_um_per_px, scale_from_diameter_mm, scale_image)
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise InputError("--fps", f"found {fps}", "give the recording rate in frames per second, greater than 0")
-    if axis_deg is not None and not math.isfinite(axis_deg):
-        raise InputError("--axis-deg", f"found {axis_deg}", "give the cylinder axis in degrees as displayed")
     if method not in METHODS:
         raise InputError("--method", f"unknown method '{method}'", nearest(method, list(METHODS)))
     if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
@@ -380,9 +382,10 @@ def measure(
         raise InputError("--scale-u-um-per-px", "no --scale-um-per-px to go with it", "give the scale, too")
     if scale_u_um_per_px is not None and not (math.isfinite(scale_u_um_per_px) and scale_u_um_per_px >= 0):
         raise InputError("--scale-u-um-per-px", f"found {scale_u_um_per_px}", "give µm per pixel, 0 or greater")
+    axis = _axis_option(axis_deg, axis_u_deg)
+    u_tilt = _u_of_angle("--tilt-u-deg", tilt_u_deg)
     if overlay:
         check_folder(overlay)
-    axis = math.radians(axis_deg) if axis_deg is not None else None
     with _status(f"measuring {clip}"):
         video = open_video(clip, fps=fps, hashed=False)
         origin: dict[str, object] = {"from": option}
@@ -398,8 +401,10 @@ def measure(
             origin |= {"diameter_px": cylinder.diameter, "u_percent": 100 * scale.relative_u, "remark": REMARK}
             if axis is None and scale_image is None:
                 axis = cylinder.axis
-                origin |= {"axis_deg": math.degrees(axis), "u_axis_deg": math.degrees(cylinder.u_axis)}
-        measured = measure_yarn(video, scale, cylinder_axis=axis, method=method, plies=plies, speed=yarn_speed_m_s)
+                origin |= {"axis_deg": math.degrees(axis.angle), "u_axis_deg": math.degrees(axis.u)}
+        measured = measure_yarn(
+            video, scale, cylinder_axis=axis, u_tilt=u_tilt, method=method, plies=plies, speed=yarn_speed_m_s
+        )
         if overlay:
             write_overlay(measured, scale, overlay)
     document = measure_json(measured) | {"scale": {"um_per_px": scale.metres_per_pixel * 1e6, **origin}}
@@ -448,6 +453,28 @@ def _scale_option(um_per_px: float | None, diameter_mm: float | None, image: Pat
     if image and diameter_mm is None:
         raise InputError("--scale-image", "no diameter to go with it", "give --scale-from-diameter-mm")
     return option, given
+
+
+def _axis_option(axis_deg: float | None, u_deg: float | None) -> "CylinderAxis | None":
+    """Return the cylinder's axis as given."""
+    from pipeline.records import CylinderAxis
+
+    if axis_deg is None:
+        if u_deg is not None:
+            raise InputError("--axis-u-deg", "no --axis-deg to go with it", "give the axis, too")
+        return None
+    if not math.isfinite(axis_deg):
+        raise InputError("--axis-deg", f"found {axis_deg}", "give the cylinder axis in degrees as displayed")
+    return CylinderAxis(math.radians(axis_deg), _u_of_angle("--axis-u-deg", u_deg))
+
+
+def _u_of_angle(option: str, u_deg: float | None) -> float:
+    """Return an angle's standard uncertainty [rad], NaN where it is not given."""
+    if u_deg is None:
+        return math.nan
+    if not 0 <= u_deg < 45:
+        raise InputError(option, f"found {u_deg}", "give degrees, 0 or greater and below 45")
+    return math.radians(u_deg)
 
 
 def _models(names: str) -> list[str]:

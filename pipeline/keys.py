@@ -169,7 +169,10 @@ class RawKeys(Keys):
     """Image or clip with that cylinder, where it is not in the first video."""
     fps: Annotated[float, Field(gt=0)] | None = None
     bits: Annotated[int, Field(ge=1, le=16)] | None = None
-    axis_deg: float | None = None
+    axis_deg: Number | None = None
+    """Direction of the cylinder axis as displayed."""
+    tilt_u_deg: Annotated[float, Field(ge=0, lt=45)] | None = None
+    """Standard uncertainty of the yarn's tilt out of the image plane."""
     method: Literal["surface", "ply", "tracer"] = "surface"
     plies: Annotated[int, Field(ge=2, le=12)] | None = None
     """Strands of a plied yarn, for the method 'ply'."""

@@ -166,6 +166,14 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True)
+class CylinderAxis:
+    """Direction of e_z [rad], counter-clockwise from +x as displayed, with its standard uncertainty [rad]."""
+
+    angle: float
+    u: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class TensionMeasurement:
     """Tension statistics of one log, over the chosen window, with flagged samples left out of the statistics."""
 

@@ -49,6 +49,9 @@ class Material:
     """Width around [rad] and relative albedo of one dyed fibre that never leaves the surface; 0 wide: there is none."""
     variation: tuple[float, float] = (0.0, 10.0)
     """Variation of the twist along the yarn: relative amplitude of a sine, and its wave length [diameters]."""
+    depth: float = 0.0
+    """How far below the outline the fibres of a single yarn run [radii]: few fibres make a yarn's outline, most of
+    those that are seen run further in."""
 
     @classmethod
     def draw(
@@ -235,7 +238,10 @@ def _level(
         gamma = np.arcsin(across[body] / (diameter / 2))
         if tilt:
             along = (along - diameter / 2 * np.cos(gamma) * math.sin(tilt)) / math.cos(tilt)
-        around = gamma - 2 * math.pi * twist * along - turn
+        place = gamma
+        if material.depth:
+            place = np.arcsin(np.clip(across[body] / (diameter / 2 * (1 - material.depth)), -1, 1))
+        around = place - 2 * math.pi * twist * along - turn
     albedo = 1 + _texture_at(material, around, (along - travel) / diameter)
     width, dye = material.tracer
     if width:

@@ -9,7 +9,7 @@ from pipeline.measure.scale import cylinder_in
 from pipeline.measure.tension import measure_tension
 from pipeline.measure.uncertainty import combine
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import Estimate, Measured, Quantity, RawTension, RawVideo, Scale, YarnMeasurement
+from pipeline.records import CylinderAxis, Estimate, Measured, Quantity, RawTension, RawVideo, Scale, YarnMeasurement
 
 
 def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVideo]) -> Measured:
@@ -23,7 +23,13 @@ def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVide
         scale, axis = _scale_and_axis(raw, clips[0])
         yarn = tuple(
             measure_yarn(
-                clip, scale, cylinder_axis=axis, method=raw.method, plies=raw.plies, speed=case.scene.delivery_speed
+                clip,
+                scale,
+                cylinder_axis=axis,
+                u_tilt=raw.u_tilt,
+                method=raw.method,
+                plies=raw.plies,
+                speed=case.scene.delivery_speed,
             )
             for clip in clips
         )
@@ -37,8 +43,8 @@ def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVide
     return Measured(case.name, values, diameter, tension, yarn)
 
 
-def _scale_and_axis(raw: RawFiles, clip: RawVideo) -> tuple[Scale, float | None]:
-    """The object scale and e_z [rad], as given or from the cylinder's two edges.
+def _scale_and_axis(raw: RawFiles, clip: RawVideo) -> tuple[Scale, CylinderAxis | None]:
+    """The object scale and e_z, as given or from the cylinder's two edges.
 
     Raises
     ------

@@ -29,7 +29,7 @@ from scipy.stats import theilslopes
 from pipeline.errors import InputError
 from pipeline.measure.axis import straighten
 from pipeline.measure.edges import edge_lines
-from pipeline.records import Array, Frames, Scale
+from pipeline.records import Array, CylinderAxis, Frames, Scale
 
 REMARK = (
     "the scale holds at the cylinder's axis: yarn on its near side appears larger by r0 / working distance, and the "
@@ -59,10 +59,8 @@ Image = NDArray[np.float32]
 class Cylinder:
     """A cylinder in a frame, in pixels of the frame."""
 
-    axis: float
-    """Direction of its axis [rad] in [0, π), counter-clockwise from +x as displayed."""
-    u_axis: float
-    """Standard uncertainty of the direction [rad]."""
+    axis: CylinderAxis
+    """Direction of its axis, in [0, π)."""
     diameter: float
     """[px]"""
     u_diameter: float
@@ -130,7 +128,7 @@ def find_cylinder(frame: NDArray[np.uint8] | NDArray[np.uint16]) -> Cylinder | N
     reach = math.hypot(*image.shape) / 2
     terms = (near.u_place, far.u_place, abs(taper) * reach / math.sqrt(3), METHOD_U * diameter)
     u_axis = math.hypot(near.u_slope / 2, far.u_slope / 2, taper / math.sqrt(12))
-    return Cylinder((angle - tilt) % math.pi, u_axis, diameter, math.hypot(*terms))
+    return Cylinder(CylinderAxis((angle - tilt) % math.pi, u_axis), diameter, math.hypot(*terms))
 
 
 def _find_pair(image: Image) -> tuple[float, float, float, int] | None:

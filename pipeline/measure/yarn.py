@@ -6,6 +6,9 @@ Conventions, stated here and used everywhere:
   direction, so its angle lies in [0, π).
 - The frame is seen from outside the cylinder, e_z points along `cylinder_axis` as displayed, and the yarn travels to
   the right of e_z. So θ = (cylinder_axis − axis_angle) mod π, in (0, π): π/2 where the yarn crosses e_z squarely.
+- A yarn that is tilted out of the image plane by τ shows its length shortened: its twist appears as T/cos τ, and its
+  angle with e_z as θ' with cos θ = cos τ·cos θ'. One camera does not see τ; where its standard uncertainty is given,
+  the root mean squares of these errors for a normal τ, √3/2·u² relative and √3/2·u²·|cot θ|, are terms of u.
 - Twist is positive for Z: on the near face the fibres run like the stroke of the letter, from lower left to upper right
   when the yarn is vertical, which is a right-handed helix. Turning or travelling yarn, or the choice of one of the
   axis' two directions, does not change it; a mirrored image does.
@@ -48,7 +51,17 @@ from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, strand_slope, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
-from pipeline.records import Array, Estimate, FrameFlag, Frames, RawVideo, Scale, Thumbnail, YarnMeasurement
+from pipeline.records import (
+    Array,
+    CylinderAxis,
+    Estimate,
+    FrameFlag,
+    Frames,
+    RawVideo,
+    Scale,
+    Thumbnail,
+    YarnMeasurement,
+)
 
 METHODS = ("surface", "ply", "tracer")
 """Known ways to measure twist: the slope of the fibres on a single yarn's unrolled surface (`twist.py`), the period of
@@ -85,6 +98,13 @@ SCATTERED = 60
 """Frames of a clip, about, whose fibres' scatter is looked at, and which are looked at for a full turn."""
 MIN_RESOLVED = 0.6
 """Share of the pairs looked at that must show a turn."""
+
+UNSTATED: Mapping[str, str] = {
+    "scale": "the scale's uncertainty",
+    "axis": "the cylinder axis' uncertainty",
+    "tilt": "the tilt out of the image plane",
+}
+"""What the terms of u are that a user may not have stated."""
 
 OUTLYING = 5.0
 SATURATED_SHARE = 0.01
@@ -196,7 +216,8 @@ def measure_yarn(
     video: RawVideo,
     scale: Scale,
     *,
-    cylinder_axis: float | None,
+    cylinder_axis: CylinderAxis | None,
+    u_tilt: float = math.nan,
     method: str = "surface",
     plies: int | None = None,
     speed: float | None = None,
@@ -208,7 +229,10 @@ def measure_yarn(
     ----------
     video : the clip, n frames.
     scale : object scale; without its uncertainty the means' u lack that term, and `reason` says so.
-    cylinder_axis : direction of e_z [rad], counter-clockwise from +x as displayed; without it θ is NaN.
+    cylinder_axis : direction of e_z; without it θ is NaN, without its uncertainty θ's u lacks that term, and its
+        reason says so.
+    u_tilt : standard uncertainty of the yarn's tilt out of the image plane [rad]; without it the u of twist and θ lack
+        that term, and their reasons say so.
     method : one of `METHODS`.
     plies : strands of a plied yarn, for the method 'ply', at least 2.
     speed : of the yarn along its axis [m/s]; with it the summary holds its rotation.
@@ -237,18 +261,28 @@ def measure_yarn(
     if video.bits <= REDUCED_BITS:
         flag |= np.uint16(FrameFlag.REDUCED_DEPTH)
     flag[_outlying(diameter) | _outlying(twist)] |= np.uint16(FrameFlag.OUTLIER)
-    theta = np.mod(cylinder_axis - angle, math.pi) if cylinder_axis is not None else np.full(n, np.nan)
+    e_z = None if cylinder_axis is None else cylinder_axis.angle
+    theta = np.mod(e_z - angle, math.pi) if e_z is not None else np.full(n, np.nan)
     kept = (flag & FrameFlag.OUTLIER) == 0
     # what the profile's model leaves unexplained counts against the diameter
     misfit = float(np.median(found.misfits or [0.0]))
     u_diameter = math.hypot(METHOD_U_DIAMETER[method], misfit)
-    relative_u = {"diameter": {"method": u_diameter}, "twist": whole.relative_u}
-    series = {"axis_angle": angle, "theta_B": theta, "twist": twist, "diameter": diameter}
-    summary = _summary(series, kept, scale, relative_u)
-    if cylinder_axis is None:
-        summary["theta_B"] = Estimate(math.nan, n=0, reason="no cylinder axis was given")
+    foreshortened = math.sqrt(3) / 2 * u_tilt**2
+    scaled = {"scale": scale.relative_u}
+    summary = {
+        "axis_angle": _mean(_unwrapped(angle), kept, {"method": METHOD_U_ANGLE}),
+        "theta_B": Estimate(math.nan, n=0, reason="no cylinder axis was given"),
+        "twist": _mean(twist, kept, {**whole.relative_u, **scaled, "tilt": foreshortened}, relative=True),
+        "diameter": _mean(diameter, kept, {"method": u_diameter, **scaled}, relative=True),
+    }
+    if cylinder_axis is not None:
+        middle = _middle(theta)
+        cotangent = abs(math.cos(middle)) / max(math.sin(middle), 1e-9)
+        # a yarn along e_z is seen as such, and is off by the tilt itself
+        terms = {"method": METHOD_U_ANGLE, "axis": cylinder_axis.u, "tilt": min(foreshortened * cotangent, u_tilt)}
+        summary["theta_B"] = _mean(_unwrapped(theta), kept, terms)
     summary["hairiness"] = mean_estimate(hairs, reason="crossings beside the yarn: not a standard's hairiness")
-    rotation = _rotation(video.time, turn, angle, cylinder_axis)
+    rotation = _rotation(video.time, turn, angle, e_z)
     summary["helix_rotation"] = _mean_rotation(rotation, video.rate)
     if speed is not None:
         summary["rotation"] = _yarn_rotation(summary["helix_rotation"], summary["twist"], speed)
@@ -519,32 +553,28 @@ def _outlying(values: Array) -> NDArray[np.bool_]:
         return np.abs(values - median) > OUTLYING * spread
 
 
+def _middle(angles: Array) -> float:
+    """Mean direction of axes in [0, π)."""
+    good = angles[np.isfinite(angles)]
+    return (0.5 * float(np.angle(np.exp(2j * good).sum())) if good.size else 0.0) % math.pi
+
+
 def _unwrapped(angles: Array) -> Array:
     """Shift angles of axes by multiples of π to within π/2 of their mean direction."""
-    good = angles[np.isfinite(angles)]
-    middle = 0.5 * float(np.angle(np.exp(2j * good).sum())) if good.size else 0.0
-    middle %= math.pi
+    middle = _middle(angles)
     return middle + np.mod(angles - middle + math.pi / 2, math.pi) - math.pi / 2
 
 
-def _summary(
-    series: dict[str, Array], kept: NDArray[np.bool_], scale: Scale, relative_u: Mapping[str, Mapping[str, float]]
-) -> dict[str, Estimate]:
+def _mean(values: Array, kept: NDArray[np.bool_], terms: Mapping[str, float], *, relative: bool = False) -> Estimate:
+    """Estimate a clip's mean from the frames kept; `terms` of u that are NaN are not stated, and the reason says so."""
+    used = np.where(kept, values, np.nan)
+    if relative:
+        level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
+        terms = {what: u * level for what, u in terms.items()}
     dropped = int(np.count_nonzero(~kept))
-    left_out = [f"{dropped} outlying frames left out"] if dropped else []
-    no_scale_u = [] if math.isfinite(scale.relative_u) else ["the scale's uncertainty is not stated and not in u"]
-    estimates = {}
-    for name, values in series.items():
-        if name in ("axis_angle", "theta_B"):
-            used = np.where(kept, _unwrapped(values), np.nan)
-            terms, notes = {"method": METHOD_U_ANGLE}, left_out
-        else:
-            used = np.where(kept, values, np.nan)
-            level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
-            terms = {what: u * level for what, u in {**relative_u[name], "scale": scale.relative_u}.items()}
-            notes = left_out + no_scale_u
-        estimates[name] = mean_estimate(used, extra_u=terms, reason="; ".join(notes))
-    return estimates
+    notes = [f"{dropped} outlying frames left out"] if dropped else []
+    notes += [f"{UNSTATED[what]} is not stated and not in u" for what, u in terms.items() if math.isnan(u)]
+    return mean_estimate(used, extra_u=terms, reason="; ".join(notes))
 
 
 def _reason(

@@ -116,6 +116,8 @@ def test_both_summary_and_files(yarnval, study):
         ("only/case.toml", "[raw]", "[raw]\nplies = 2", ["plies", "method"]),
         ("only/case.toml", "[raw]", "[raw]\nscale_from_diameter_mm = 6", ["given twice"]),
         ("only/case.toml", "[raw]", "[raw]\nscale_image = 'x.tif'", ["scale_from_diameter_mm"]),
+        ("only/case.toml", "[raw]", "[raw]\ntilt_u_deg = -1", ["raw.tilt_u_deg"]),
+        ("only/case.toml", "axis_deg = 90", "axis_deg = { value = 90, u = -1 }", ["raw.axis_deg.u"]),
         ("only/case.toml", "axis_deg = 90", "", ["axis_deg", "direction of the cylinder axis"]),
     ],
 )
@@ -202,6 +204,8 @@ def test_8_bit_clip_is_flagged(yarnval, study, tmp_path):
         (["measure", "nothing.mkv", "--fps", "-1", "--scale-um-per-px", "5"], ["--fps", "greater than 0"]),
         (["measure", "nothing.mkv", "--fps", "9", "--scale-um-per-px", "5", "--method", "x"], ["method", "surface"]),
         (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--axis-deg", "inf"], ["--axis-deg"]),
+        (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--axis-u-deg", "1"], ["--axis-u-deg", "give the axis"]),
+        (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--tilt-u-deg", "nan"], ["--tilt-u-deg", "below 45"]),
         (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--method", "ply"], ["--plies", "2 or more"]),
         (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--plies", "2"], ["--plies", "--method ply"]),
         (["measure", "nothing.mkv", "--scale-um-per-px", "5", "--yarn-speed-m-s", "nan"], ["--yarn-speed-m-s"]),

@@ -51,7 +51,7 @@ class Stack:
 
 def off(found, angle):
     """Difference of directions of axes [°]."""
-    return (math.degrees(found.axis) - angle + 90) % 180 - 90
+    return (math.degrees(found.axis.angle) - angle + 90) % 180 - 90
 
 
 @pytest.mark.parametrize("angle", [0.0, 37.0, 90.0, 135.5, 179.8])

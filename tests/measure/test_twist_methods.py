@@ -15,7 +15,7 @@ from pipeline.measure.lit import fit_lit, level, places_of, side_starts
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.tracer import tracer_twist
 from pipeline.measure.yarn import measure_json, measure_yarn
-from pipeline.records import FrameFlag, Scale
+from pipeline.records import CylinderAxis, FrameFlag, Scale
 from pipeline.synthetic import Material, Optics, bar, compressed, render_frame
 
 SHAPE = (256, 400)
@@ -147,11 +147,11 @@ def test_rotation_of_the_helix_and_of_the_yarn(angle):
     ]  # fmt: skip
     speed = 20 * metres * 1200
     cylinder = math.radians(angle + 90)  # the yarn travels to the right of it, in the direction of its angle
-    m = measure_yarn(clip(images), Scale(metres, 0.0), cylinder_axis=cylinder, speed=speed)
+    m = measure_yarn(clip(images), Scale(metres, 0.0), cylinder_axis=CylinderAxis(cylinder), speed=speed)
     helix = 0.3 / (2 * math.pi) * 1200
     assert m.summary["helix_rotation"].mean == pytest.approx(helix, rel=0.05)
     assert m.summary["rotation"].mean == pytest.approx(helix + speed * twist / metres, rel=0.03)
-    back = measure_yarn(clip(images), Scale(metres, 0.0), cylinder_axis=cylinder - math.pi)
+    back = measure_yarn(clip(images), Scale(metres, 0.0), cylinder_axis=CylinderAxis(cylinder - math.pi))
     assert back.summary["helix_rotation"].mean == pytest.approx(-m.summary["helix_rotation"].mean)
     document = measure_json(m)
     assert document["helix_rotation_per_s"][-1] is None

@@ -14,7 +14,7 @@ from pipeline.ingest.raw import read_raw
 from pipeline.ingest.video import open_video
 from pipeline.measure.case import measure_case
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import Scale
+from pipeline.records import CylinderAxis, Scale
 from pipeline.synthetic import FRAME_RATE, RIG
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +30,7 @@ def truth(case):
 @pytest.mark.parametrize("case", RIG, ids=lambda case: case.name)
 def test_the_rig_measures_as_its_truth(case):
     video = open_video(RIG_FOLDER / case.name / case.video, fps=FRAME_RATE, bits=12, root=RIG_FOLDER)
-    m = measure_yarn(video, Scale(case.micrometres_per_pixel * 1e-6, 0.003), cylinder_axis=math.pi / 2)
+    m = measure_yarn(video, Scale(case.micrometres_per_pixel * 1e-6, 0.003), cylinder_axis=CylinderAxis(math.pi / 2))
     known = truth(case.name)
     assert len(m.flag) == case.frames
     assert not np.any(m.flag)
@@ -59,3 +59,12 @@ def test_a_case_takes_its_scale_from_the_cylinder_in_another_image(tmp_path):
     assert measured.diameter.mean == pytest.approx(0.16e-3, rel=0.01)
     assert 0 < measured.diameter.u_terms["scale"] < 0.003 * 0.16e-3
     assert "rotation" in measured.yarn[0].summary
+
+
+def test_a_case_states_its_axis_and_its_tilt(tmp_path):
+    folder = studies.raw(tmp_path / "study", frames=3) / "only"
+    studies.edit(folder / "case.toml", "axis_deg = 90", "axis_deg = { value = 90, u = 0.2 }\ntilt_u_deg = 3")
+    case = load_case(folder / "case.toml")
+    clip = measure_case(case, *read_raw(case.raw, folder)).yarn[0]
+    assert clip.summary["theta_B"].u_terms["axis"] == pytest.approx(math.radians(0.2))
+    assert clip.summary["twist"].u_terms["tilt"] == pytest.approx(0.00237 * clip.summary["twist"].mean, rel=0.01)

@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.measure import yarn
 from pipeline.measure.axis import find_axis
 from pipeline.measure.yarn import CHUNK, measure_yarn
-from pipeline.records import FrameFlag, RawVideo, Scale, Source
+from pipeline.records import CylinderAxis, FrameFlag, RawVideo, Scale, Source
 from pipeline.synthetic import Material, render_frame
 
 SHAPE = (256, 400)
@@ -59,7 +59,7 @@ def steady():
 def measured(images, count=None, **kwargs):
     count = count or len(images)
     video = RawVideo(Source("stack", "", 0), Repeated(images, count), np.arange(count) / 1200, 1200.0, 12, SHAPE)
-    return measure_yarn(video, Scale(5e-6, 0.002), cylinder_axis=math.pi / 2, **kwargs)
+    return measure_yarn(video, Scale(5e-6, 0.002), cylinder_axis=CylinderAxis(math.pi / 2), **kwargs)
 
 
 def test_a_followed_axis_is_the_one_that_a_search_finds(steady):

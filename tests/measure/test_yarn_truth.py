@@ -8,7 +8,7 @@ from yarn_frames import clip
 
 from pipeline.errors import InputError
 from pipeline.measure.yarn import measure_json, measure_yarn
-from pipeline.records import FrameFlag, Scale
+from pipeline.records import CylinderAxis, FrameFlag, Scale
 from pipeline.synthetic import Material, Optics, render_frame
 
 DIAMETER = 0.16e-3
@@ -38,7 +38,9 @@ def yarn(seed, *, diameter, twist, angles, material=None, optics=None, hairs=1.5
 
 
 def measured(images, diameter, **kwargs):
-    return measure_yarn(clip(images), Scale(DIAMETER / diameter, 0.002), cylinder_axis=math.pi / 2, **kwargs)
+    return measure_yarn(
+        clip(images), Scale(DIAMETER / diameter, 0.002), cylinder_axis=CylinderAxis(math.pi / 2), **kwargs
+    )
 
 
 GRID = [
@@ -208,6 +210,40 @@ def test_json_has_the_contract_s_keys_and_no_nan():
     assert document["summary"]["theta_B_deg"]["mean"] == pytest.approx(50, abs=0.1)
     without = measure_json(measure_yarn(clip(images), Scale(5e-6), cylinder_axis=None))
     assert "theta_B_deg" not in without["summary"]
+
+
+def test_the_axis_and_the_tilt_are_in_u_where_they_are_stated() -> None:
+    images = yarn(15, diameter=32, twist=1000, angles=[40] * 3)
+    e_z, tilt = CylinderAxis(math.pi / 2, math.radians(0.3)), math.radians(4)
+    stated = measure_yarn(clip(images), Scale(5e-6, 0.0), cylinder_axis=e_z, u_tilt=tilt).summary
+    share = math.sqrt(3) / 2 * tilt**2
+    assert stated["twist"].u_terms["tilt"] == pytest.approx(share * stated["twist"].mean)
+    theta = stated["theta_B"]
+    assert theta.u_terms["axis"] == e_z.u
+    assert theta.u_terms["tilt"] == pytest.approx(share / math.tan(math.radians(50)), rel=1e-2)
+    assert theta.u == pytest.approx(math.hypot(*theta.u_terms.values()))
+    assert not any("not stated" in stated[name].reason for name in ("twist", "theta_B", "diameter"))
+    unstated = measure_yarn(clip(images), Scale(5e-6), cylinder_axis=CylinderAxis(math.pi / 2)).summary
+    assert "the cylinder axis' uncertainty is not stated and not in u" in unstated["theta_B"].reason
+    assert "the tilt out of the image plane is not stated" in unstated["twist"].reason
+    assert unstated["theta_B"].u < theta.u
+    along = measure_yarn(clip(images), Scale(5e-6), cylinder_axis=CylinderAxis(math.radians(40)), u_tilt=tilt).summary
+    assert along["theta_B"].u_terms["tilt"] == tilt
+
+
+@pytest.mark.parametrize("tilt", [5, 10])
+def test_a_tilted_yarn_appears_twisted_more_by_1_over_cos_tilt(tilt: float) -> None:
+    rng = np.random.default_rng(16)
+    material = Material.draw(rng, fibre_length=3.0)
+    for tau, error in ((0.0, 0.0), (math.radians(tilt), 1 / math.cos(math.radians(tilt)) - 1)):
+        images = [
+            render_frame(
+                material, rng, shape=SHAPE, axis_angle=math.radians(40), diameter=32, twist=1000 * DIAMETER / 32,
+                tilt=tau, phase=i, travel=30 * i,
+            )
+            for i in range(12)
+        ]  # fmt: skip
+        assert measured(images, 32).summary["twist"].mean == pytest.approx(1000 * (1 + error), rel=0.012)
 
 
 def test_thumbnails_carry_what_was_measured_in_their_own_pixels():

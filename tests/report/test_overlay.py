@@ -9,7 +9,7 @@ from yarn_frames import clip as clip_of
 
 from pipeline.errors import InputError
 from pipeline.measure.yarn import measure_yarn
-from pipeline.records import FrameFlag, Scale
+from pipeline.records import CylinderAxis, FrameFlag, Scale
 from pipeline.report import overlay
 from pipeline.synthetic import Material, render_frame
 
@@ -19,7 +19,7 @@ DIAMETER = 40.0
 
 
 def measured(images):
-    return measure_yarn(clip_of(images), SCALE, cylinder_axis=0.0)
+    return measure_yarn(clip_of(images), SCALE, cylinder_axis=CylinderAxis(0.0))
 
 
 @pytest.fixture(scope="module")
