@@ -1,6 +1,7 @@
 """Rendered yarn of known truth against what is measured in it. The renderer and the measurement share no code."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -244,6 +245,13 @@ def test_a_tilted_yarn_appears_twisted_more_by_1_over_cos_tilt(tilt: float) -> N
             for i in range(12)
         ]  # fmt: skip
         assert measured(images, 32).summary["twist"].mean == pytest.approx(1000 * (1 + error), rel=0.012)
+
+
+def test_fibres_below_the_outline_show_too_little_twist_and_u_holds_it() -> None:
+    deep = replace(Material.draw(np.random.default_rng(17)), depth=0.1)
+    twist = measured(yarn(17, diameter=40, twist=900, angles=[50] * 6, material=deep), 40).summary["twist"]
+    assert 0.85 < twist.mean / 900 < 0.93
+    assert 900 - twist.mean < 2 * twist.u
 
 
 def test_thumbnails_carry_what_was_measured_in_their_own_pixels():
