@@ -67,7 +67,7 @@ def clip_twist(
     if method == "surface" and known.size:
         slope = float(np.median(known))
         spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
-        u |= {"fibres": _shared(slope_scatter([face for face, _ in faces], slope), spread), "depth": U_DEPTH}
+        u |= {"fibres": _shared(slope_scatter([face for face, _ in faces]), spread), "depth": U_DEPTH}
         turn = full_turn([again for _, again in faces if again is not None], slope)
         if turn is not None:
             by_turn = {"method": U_TURN, "fibres": _shared(turn.relative_u, 0.0)}

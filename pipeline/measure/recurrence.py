@@ -68,15 +68,14 @@ class FullTurn:
     """By how far the few fibres in view scatter about it."""
 
 
-def recurrence(face: Face, per_pixel: float) -> Recurrence | None:
+def recurrence(face: Face) -> Recurrence | None:
     """Return S about one turn on, or None where too little of the yarn is in view.
 
     Parameters
     ----------
     face : the yarn's surface in a frame.
-    per_pixel : the twist that the slope of its fibres tells [1/px].
     """
-    texture, turn, rise = face.texture, 1 / abs(per_pixel), face.rise(per_pixel)
+    texture, turn, rise = face.texture, 1 / abs(face.per_pixel), face.rise
     rows, columns = texture.shape
     reach = math.floor(min(REACH * rows / 2, LONGEST * turn / face.step * abs(rise)))
     if reach < 1:
@@ -136,4 +135,4 @@ def full_turn(found: Sequence[Recurrence], per_pixel: float) -> FullTurn | None:
         return None
     left, at, right = scores[best - 1 : best + 2].tolist()
     length = math.exp(STEP * (first + best + 0.5 * (left - right) / (left - 2 * at + right)))
-    return FullTurn(length, turn_scatter([one.face for one in found], per_pixel, length, [one.reach for one in found]))
+    return FullTurn(length, turn_scatter([one.face for one in found], length, [one.reach for one in found]))

@@ -42,29 +42,31 @@ class Face:
     """Between columns [px]."""
     radius: float
     """Rows are 1/`radius` apart in γ [px]."""
+    per_pixel: float
+    """The twist that the slope of the fibres in this frame tells [1/px]."""
 
-    def rise(self, per_pixel: float) -> float:
+    @property
+    def rise(self) -> float:
         """Rows that a fibre rises by from one column to the next."""
-        return 2 * math.pi * per_pixel * self.radius * self.step
+        return 2 * math.pi * self.per_pixel * self.radius * self.step
 
 
-def face(image: Image | Pixels, axis: YarnAxis) -> Face:
+def face(image: Image | Pixels, axis: YarnAxis, per_pixel: float) -> Face:
     """Unroll the yarn on an axis of a frame, shape (rows, columns)."""
-    return Face(halved(image, axis), 2 / step_across(axis.angle), axis.diameter / 2)
+    return Face(halved(image, axis), 2 / step_across(axis.angle), axis.diameter / 2, per_pixel)
 
 
-def slope_scatter(faces: Sequence[Face], per_pixel: float) -> float:
+def slope_scatter(faces: Sequence[Face]) -> float:
     """Return σ of one frame's ln T by the slope of its fibres; NaN where too few fibres tell.
 
     Parameters
     ----------
     faces : of some frames of a clip.
-    per_pixel : its twist [1/px].
     """
     variances: list[float] = []
     for one in faces:
         rows, columns = one.texture.shape
-        rise = one.rise(per_pixel)
+        rise = one.rise
         farthest = min(FARTHEST * 2 * one.radius / one.step, columns / 2, FACE * rows / abs(rise))
         apart = np.arange(math.ceil(NEAREST * abs(rise)), math.floor(farthest * abs(rise)) + 1)
         apart = np.copysign(apart[apart > 0], rise).astype(np.intp)
@@ -74,17 +76,17 @@ def slope_scatter(faces: Sequence[Face], per_pixel: float) -> float:
     return _root(variances)
 
 
-def turn_scatter(faces: Sequence[Face], per_pixel: float, turn: float, reach: Sequence[int]) -> float:
+def turn_scatter(faces: Sequence[Face], turn: float, reach: Sequence[int]) -> float:
     """Return σ of one frame's ln T by the length of a full turn [px]; NaN where too few fibres tell.
 
     Parameters
     ----------
-    faces, per_pixel : see `slope_scatter`; the slope of the fibres where they return.
+    faces : see `slope_scatter`.
     reach : rows that pairs lie apart, at most, for each face.
     """
     variances: list[float] = []
     for one, most in zip(faces, reach, strict=True):
-        rise = one.rise(per_pixel)
+        rise = one.rise
         apart = np.arange(-most, most + 1)
         g, h = _scores(one.texture, apart, turn / one.step + apart / rise, rise, BLOCK * one.radius)
         variances.append(_variance(g, h))

@@ -494,8 +494,8 @@ def _measure_chunk(
         crossings = hairiness(frame, axis) if i in wanted.counted else math.nan
         surface = None
         if method == "surface" and i in wanted.unrolled and math.isfinite(twist.per_pixel):
-            seen_face = face(frame, axis)
-            surface = seen_face, recurrence(seen_face, twist.per_pixel)
+            seen_face = face(frame, axis, twist.per_pixel)
+            surface = seen_face, recurrence(seen_face)
         reduced, strands = None, None
         if i in wanted.shots:
             reduced = _reduced(frame)

@@ -45,21 +45,21 @@ def slope(image):
 def test_the_scatter_is_that_of_yarns_with_other_fibres(lean):
     images = [texture(seed, lean) for seed in range(40)]
     off = [slope(image) for image in images]
-    stated = [slope_scatter([Face(image, STEP, RADIUS)], TWIST) for image in images]
+    stated = [slope_scatter([Face(image, STEP, RADIUS, TWIST)]) for image in images]
     # other fibres that are alike by chance count as scatter, too
     assert 0.8 * np.std(off) < np.median(stated) < 2 * np.std(off)
     assert np.mean(np.abs(off) < 2 * np.array(stated)) > 0.85
 
 
 def test_straight_fibres_do_not_scatter_and_few_rows_say_nothing():
-    assert slope_scatter([Face(texture(0, 0.0), STEP, RADIUS)], TWIST) < 0.005
-    assert math.isnan(slope_scatter([Face(texture(0, 0.0)[:2, :6], STEP, RADIUS)], TWIST))
-    assert math.isnan(slope_scatter([], TWIST))
+    assert slope_scatter([Face(texture(0, 0.0), STEP, RADIUS, TWIST)]) < 0.005
+    assert math.isnan(slope_scatter([Face(texture(0, 0.0)[:2, :6], STEP, RADIUS, TWIST)]))
+    assert math.isnan(slope_scatter([]))
 
 
 def test_a_full_turn_scatters_by_how_far_fibres_miss_it():
     exact, missed = (
-        np.mean([turn_scatter([Face(texture(i, 0.0, by), STEP, RADIUS)], TWIST, 1 / TWIST, [8]) for i in range(10)])
+        np.mean([turn_scatter([Face(texture(i, 0.0, by), STEP, RADIUS, TWIST)], 1 / TWIST, [8]) for i in range(10)])
         for by in (0.0, 0.06)
     )
     # four fibres a radian, over the 0.82 turns that are seen twice; normal shades weigh by squares: a third counts
