@@ -13,7 +13,7 @@ from models.scene import Scene
 from models.solve import MODELS
 from pipeline.errors import InputError, nearest, refuse_unknown
 from pipeline.keys import CaseKeys, RawKeys, SceneKeys, StudyKeys, TensionKeys, read_toml, validated
-from pipeline.records import CylinderAxis, Measured, Quantity, Scale
+from pipeline.records import CylinderAxis, Measured, Quantity, Scale, SlopeRatio
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +44,8 @@ class RawFiles:
     """None where the cylinder's edges are to give it."""
     u_tilt: float
     """Standard uncertainty of the yarn's tilt out of the image plane [rad]; NaN where it is not stated."""
+    ratio: SlopeRatio | None
+    """None where the yarn's slope was not compared with direct counting."""
     method: str
     plies: int | None
 
@@ -227,6 +229,9 @@ def _raw_files(keys: RawKeys, file: Path) -> RawFiles:
         if keys.axis_deg is None
         else CylinderAxis(math.radians(keys.axis_deg.value), math.radians(keys.axis_deg.standard_uncertainty)),
         u_tilt=math.nan if keys.tilt_u_deg is None else math.radians(keys.tilt_u_deg),
+        ratio=None
+        if keys.slope_ratio is None
+        else SlopeRatio(keys.slope_ratio.value, keys.slope_ratio.standard_uncertainty),
         method=keys.method,
         plies=keys.plies,
     )

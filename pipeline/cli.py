@@ -14,7 +14,7 @@ from rich.console import Console
 from pipeline.errors import InputError, YarnvalError, nearest, refuse_unknown
 
 if TYPE_CHECKING:
-    from pipeline.records import CylinderAxis, Quantity
+    from pipeline.records import CylinderAxis, Quantity, SlopeRatio
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -352,6 +352,10 @@ def measure(
     method: Annotated[
         str, typer.Option(help="Twist method: surface (single yarn), ply (with --plies) or tracer (one dyed fibre).")
     ] = "surface",
+    slope_ratio: Annotated[
+        float | None, typer.Option(help="Twist by the fibres' slope over that by direct counting, of this yarn.")
+    ] = None,
+    slope_ratio_u: Annotated[float | None, typer.Option(help="Standard uncertainty of --slope-ratio.")] = None,
     plies: Annotated[int | None, typer.Option(help="Strands of a plied yarn, 2 or more, for --method ply.")] = None,
     yarn_speed_m_s: Annotated[
         float | None, typer.Option(help="Speed of the yarn, to the right of the cylinder axis: gives its rotation.")
@@ -384,6 +388,7 @@ def measure(
         raise InputError("--scale-u-um-per-px", f"found {scale_u_um_per_px}", "give µm per pixel, 0 or greater")
     axis = _axis_option(axis_deg, axis_u_deg)
     u_tilt = _u_of_angle("--tilt-u-deg", tilt_u_deg)
+    ratio = _ratio_option(slope_ratio, slope_ratio_u, method)
     if overlay:
         check_folder(overlay)
     with _status(f"measuring {clip}"):
@@ -403,8 +408,9 @@ def measure(
                 axis = cylinder.axis
                 origin |= {"axis_deg": math.degrees(axis.angle), "u_axis_deg": math.degrees(axis.u)}
         measured = measure_yarn(
-            video, scale, cylinder_axis=axis, u_tilt=u_tilt, method=method, plies=plies, speed=yarn_speed_m_s
-        )
+            video, scale, cylinder_axis=axis, u_tilt=u_tilt, ratio=ratio, method=method, plies=plies,
+            speed=yarn_speed_m_s,
+        )  # fmt: skip
         if overlay:
             write_overlay(measured, scale, overlay)
     document = measure_json(measured) | {"scale": {"um_per_px": scale.metres_per_pixel * 1e6, **origin}}
@@ -475,6 +481,19 @@ def _u_of_angle(option: str, u_deg: float | None) -> float:
     if not 0 <= u_deg < 45:
         raise InputError(option, f"found {u_deg}", "give degrees, 0 or greater and below 45")
     return math.radians(u_deg)
+
+
+def _ratio_option(value: float | None, u: float | None, method: str) -> "SlopeRatio | None":
+    """Return the ratio of the fibres' slope to direct counting as given."""
+    from pipeline.records import SlopeRatio
+
+    if value is None and u is None:
+        return None
+    if value is None or u is None or not (0 < value < math.inf and 0 <= u < math.inf):
+        raise InputError("--slope-ratio", f"found {value} with --slope-ratio-u {u}", "give both, greater than 0")
+    if method != "surface":
+        raise InputError("--slope-ratio", f"given with --method {method}", "it is for --method surface: leave it out")
+    return SlopeRatio(value, u)
 
 
 def _models(names: str) -> list[str]:

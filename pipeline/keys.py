@@ -173,6 +173,8 @@ class RawKeys(Keys):
     """Direction of the cylinder axis as displayed."""
     tilt_u_deg: Annotated[float, Field(ge=0, lt=45)] | None = None
     """Standard uncertainty of the yarn's tilt out of the image plane."""
+    slope_ratio: Number | None = None
+    """Twist by the fibres' slope over that by direct counting, of this kind of yarn."""
     method: Literal["surface", "ply", "tracer"] = "surface"
     plies: Annotated[int, Field(ge=2, le=12)] | None = None
     """Strands of a plied yarn, for the method 'ply'."""
@@ -185,6 +187,11 @@ class RawKeys(Keys):
             raise ValueError("'scale_image' without 'scale_from_diameter_mm': give the diameter of the cylinder in it")
         if (self.method == "ply") != (self.plies is not None):
             raise ValueError("give 'plies', 2 or more, with method = 'ply' and only with it")
+        ratio = self.slope_ratio
+        if ratio is not None and not (ratio.value > 0 and math.isfinite(ratio.standard_uncertainty)):
+            raise ValueError("give 'slope_ratio' as {value, u} or {value, cv_percent}, its value greater than 0")
+        if ratio is not None and self.method != "surface":
+            raise ValueError("'slope_ratio' is for method = 'surface': leave it out")
         return self
 
 

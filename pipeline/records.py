@@ -174,6 +174,15 @@ class CylinderAxis:
 
 
 @dataclass(frozen=True, slots=True)
+class SlopeRatio:
+    """Twist that the slope of a single yarn's fibres tells over that by direct counting (ISO 2061), of one yarn."""
+
+    value: float
+    u: float
+    """Standard uncertainty."""
+
+
+@dataclass(frozen=True, slots=True)
 class TensionMeasurement:
     """Tension statistics of one log, over the chosen window, with flagged samples left out of the statistics."""
 

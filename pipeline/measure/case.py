@@ -27,6 +27,7 @@ def measure_case(case: Case, logs: Sequence[RawTension], clips: Sequence[RawVide
                 scale,
                 cylinder_axis=axis,
                 u_tilt=raw.u_tilt,
+                ratio=raw.ratio,
                 method=raw.method,
                 plies=raw.plies,
                 speed=case.scene.delivery_speed,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.measure.recurrence import Recurrence, full_turn
 from pipeline.measure.scatter import Face, slope_scatter
-from pipeline.records import Array
+from pipeline.records import Array, SlopeRatio
 
 METHOD_U: Mapping[str, float] = {"surface": 0.005, "ply": 0.003, "tracer": 0.015}
 """Relative standard uncertainties of the method, common to all frames: the size of the clip-mean errors on rendered
@@ -48,7 +48,11 @@ class ClipTwist:
 
 
 def clip_twist(
-    frames: Array, yarn: NDArray[np.bool_], faces: Sequence[tuple[Face, Recurrence | None]], method: str
+    frames: Array,
+    yarn: NDArray[np.bool_],
+    faces: Sequence[tuple[Face, Recurrence | None]],
+    method: str,
+    ratio: SlopeRatio | None,
 ) -> ClipTwist:
     """Decide on the twist of a clip.
 
@@ -58,6 +62,7 @@ def clip_twist(
     yarn : whether there is yarn in it, shape (n,).
     faces : of the frames that were looked at for a full turn.
     method : a name of `METHOD_U`.
+    ratio : that the slope of the fibres is to be divided by, where it is known.
     """
     twist, other_hand, reason = _one_hand(frames)
     if np.count_nonzero(np.isfinite(twist)) < MIN_CREDIBLE * np.count_nonzero(yarn):
@@ -68,11 +73,15 @@ def clip_twist(
         slope = float(np.median(known))
         spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
         u |= {"fibres": _shared(slope_scatter([face for face, _ in faces]), spread), "depth": U_DEPTH}
+        by_slope = 1.0
+        if ratio is not None:
+            by_slope, u["depth"] = ratio.value, ratio.u / ratio.value
         turn = full_turn([again for _, again in faces if again is not None], slope)
         if turn is not None:
             by_turn = {"method": U_TURN, "fibres": _shared(turn.relative_u, 0.0)}
             if math.hypot(*by_turn.values()) < math.hypot(*u.values()):  # depth no longer counts
-                twist, u = twist / (turn.length * abs(slope)), by_turn
+                by_slope, u = turn.length * abs(slope), by_turn
+        twist = twist / by_slope
     return ClipTwist(twist, u, other_hand, reason)
 
 

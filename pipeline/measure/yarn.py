@@ -59,6 +59,7 @@ from pipeline.records import (
     Frames,
     RawVideo,
     Scale,
+    SlopeRatio,
     Thumbnail,
     YarnMeasurement,
 )
@@ -218,6 +219,7 @@ def measure_yarn(
     *,
     cylinder_axis: CylinderAxis | None,
     u_tilt: float = math.nan,
+    ratio: SlopeRatio | None = None,
     method: str = "surface",
     plies: int | None = None,
     speed: float | None = None,
@@ -233,6 +235,7 @@ def measure_yarn(
         reason says so.
     u_tilt : standard uncertainty of the yarn's tilt out of the image plane [rad]; without it the u of twist and θ lack
         that term, and their reasons say so.
+    ratio : for the method 'surface': of this kind of yarn, where it was compared with direct counting.
     method : one of `METHODS`.
     plies : strands of a plied yarn, for the method 'ply', at least 2.
     speed : of the yarn along its axis [m/s]; with it the summary holds its rotation.
@@ -244,7 +247,7 @@ def measure_yarn(
         If the method is not known or lacks its number of plies, or if the scale is not a positive number. Frames that
         cannot be read are flagged.
     """
-    _check_call(method, plies, scale)
+    _check_call(method, plies, scale, ratio)
     n = len(video.frames)
     found = _Clip(n)
     for i, frame in enumerate(_measure_frames(video, method, plies or 1, threads or os.cpu_count() or 1)):
@@ -252,7 +255,7 @@ def measure_yarn(
     found.drop_chance_diameters()
     found.refuse_plied()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
-    whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method)
+    whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method, ratio)
     if whole.other_hand:
         reasons[whole.reason] += whole.other_hand
     flag[np.isfinite(angle) & np.isnan(whole.per_pixel)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
@@ -309,11 +312,14 @@ def measure_yarn(
     )
 
 
-def _check_call(method: str, plies: int | None, scale: Scale) -> None:
+def _check_call(method: str, plies: int | None, scale: Scale, ratio: SlopeRatio | None) -> None:
     if method not in METHODS:
         raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
     if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
         raise InputError("plies", f"{plies} with the method '{method}'", "2 or more with the method 'ply', else none")
+    if ratio is not None and (method != "surface" or not (ratio.value > 0 and ratio.u >= 0)):
+        found = f"{ratio.value:g} with u {ratio.u:g} and the method '{method}'"
+        raise InputError("slope ratio", found, "a positive number with its u, for the method 'surface'")
     if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
         raise InputError(
             "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"

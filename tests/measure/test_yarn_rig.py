@@ -63,10 +63,12 @@ def test_a_case_takes_its_scale_from_the_cylinder_in_another_image(tmp_path):
     assert "rotation" in measured.yarn[0].summary
 
 
-def test_a_case_states_its_axis_and_its_tilt(tmp_path):
+def test_a_case_states_its_axis_its_tilt_and_its_slope_ratio(tmp_path):
     folder = studies.raw(tmp_path / "study", frames=3) / "only"
-    studies.edit(folder / "case.toml", "axis_deg = 90", "axis_deg = { value = 90, u = 0.2 }\ntilt_u_deg = 3")
+    stated = "axis_deg = { value = 90, u = 0.2 }\ntilt_u_deg = 3\nslope_ratio = { value = 0.95, u = 0.019 }"
+    studies.edit(folder / "case.toml", "axis_deg = 90", stated)
     case = load_case(folder / "case.toml")
     clip = measure_case(case, *read_raw(case.raw, folder)).yarn[0]
     assert clip.summary["theta_B"].u_terms["axis"] == pytest.approx(math.radians(0.2))
     assert clip.summary["twist"].u_terms["tilt"] == pytest.approx(0.00237 * clip.summary["twist"].mean, rel=0.01)
+    assert clip.summary["twist"].u_terms["depth"] == pytest.approx(0.02 * clip.summary["twist"].mean)

@@ -9,7 +9,7 @@ from yarn_frames import clip
 
 from pipeline.errors import InputError
 from pipeline.measure.yarn import measure_json, measure_yarn
-from pipeline.records import CylinderAxis, FrameFlag, Scale
+from pipeline.records import CylinderAxis, FrameFlag, Scale, SlopeRatio
 from pipeline.synthetic import Material, Optics, render_frame
 
 DIAMETER = 0.16e-3
@@ -252,6 +252,17 @@ def test_fibres_below_the_outline_show_too_little_twist_and_u_holds_it() -> None
     twist = measured(yarn(17, diameter=40, twist=900, angles=[50] * 6, material=deep), 40).summary["twist"]
     assert 0.85 < twist.mean / 900 < 0.93
     assert 900 - twist.mean < 2 * twist.u
+
+
+def test_the_slope_is_corrected_where_it_was_compared_with_direct_counting() -> None:
+    images = yarn(18, diameter=40, twist=900, angles=[50] * 3)
+    told = measured(images, 40).summary["twist"]
+    known = measured(images, 40, ratio=SlopeRatio(0.9, 0.018)).summary["twist"]
+    assert known.mean == pytest.approx(told.mean / 0.9)
+    assert known.u_terms["depth"] == pytest.approx(0.02 * known.mean)
+    assert known.u < told.u
+    with pytest.raises(InputError, match="slope ratio"):
+        measured(images, 40, ratio=SlopeRatio(0.9, 0.018), method="tracer")
 
 
 def test_thumbnails_carry_what_was_measured_in_their_own_pixels():
