@@ -98,6 +98,8 @@ def lu_factor(matrix: Array, pivots: NDArray[np.int64]) -> bool:
     n = matrix.shape[0]
     biggest, smallest = 0.0, np.inf
     for k in range(n):
+        pivots[k] = k  # also of rows that are not reached: what solves with them stays inside of the matrix
+    for k in range(n):
         p = k
         for i in range(k + 1, n):
             if abs(matrix[i, k]) > abs(matrix[p, k]):

@@ -348,21 +348,24 @@ def _reduced(frame: Image | Pixels) -> Image:
 
 @compiled
 def _deviation(image: Image) -> Image:
-    """Return |image − background|: a quadratic in x and y, fitted to every fourth pixel both ways.
+    """Return |image − background|: a quadratic in x and y, fitted to every fourth pixel both ways, or to the median.
 
-    What deviates by more than 3 median deviations is left out, iterated.
+    What deviates by more than 3 median deviations is left out, iterated. Along a side that every fourth pixel leaves
+    fewer than the three of that a quadratic needs, all are taken.
     """
     rows, columns = image.shape
     v, u = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
-    count = ((rows + 3) // 4) * ((columns + 3) // 4)
+    down, right_on = 4 if rows > 8 else 1, 4 if columns > 8 else 1
+    count = ((rows + down - 1) // down) * ((columns + right_on - 1) // right_on)
     basis, values = np.ones((6, count)), np.empty(count)
     at = 0
-    for i in range(0, rows, 4):
-        for j in range(0, columns, 4):
+    for i in range(0, rows, down):
+        for j in range(0, columns, right_on):
             basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
             at += 1
     basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
-    rest, c = values - upper_median(values), np.zeros(6)
+    middle, c = upper_median(values), np.zeros(6)
+    c[0], rest = middle, values - middle
     normal, right, pivots = np.empty((6, 6)), np.empty(6), np.empty(6, np.int64)
     for _ in range(4):
         keep = np.abs(rest) <= 3 * 1.4826 * upper_median(np.abs(rest)) + 1e-9
@@ -371,7 +374,8 @@ def _deviation(image: Image) -> Image:
             right[k] = np.sum(kept * values)
             for m in range(k + 1):
                 normal[k, m] = normal[m, k] = np.sum(kept * basis[m])
-        lu_factor(normal, pivots)
+        if not lu_factor(normal, pivots):
+            break
         c = lu_solve(normal, pivots, right)
         rest[:] = values
         for k in range(6):

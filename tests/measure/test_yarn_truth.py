@@ -153,6 +153,14 @@ def test_a_frame_too_small_for_a_yarn_shows_none(shape):
     assert np.all(np.isnan(m.diameter))
 
 
+@pytest.mark.parametrize("shape", [(16, 64), (17, 33), (19, 300), (700, 17)])
+def test_noise_in_a_narrow_frame_is_no_yarn(shape):
+    """Every fourth of a fourth of 17 rows is one row: too little for a quadratic ground, whose fit was taken unseen."""
+    noise = np.random.default_rng(1).integers(0, 4096, shape).astype(np.uint16)
+    m = measure_yarn(clip([noise] * 2), Scale(1.0, 0.0), cylinder_axis=None)
+    assert np.all(m.flag & FrameFlag.NO_YARN)
+
+
 def test_angles_near_the_wrap_average_to_the_wrap():
     m = measured(yarn(9, diameter=32, twist=1000, angles=[-3, 3, -2, 2]), 32)
     mean = math.degrees(m.summary["axis_angle"].mean)
