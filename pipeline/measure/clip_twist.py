@@ -39,8 +39,9 @@ class ClipTwist:
     per_pixel: Array
     """Turns per pixel of each frame, Z > 0; NaN where not credible."""
     relative_u: Mapping[str, float]
-    """Relative standard uncertainties common to all frames, by name: 'method', and of a single yarn 'fibres', their
-    scatter about the helix, and 'depth', how far they run below the outline."""
+    """Relative standard uncertainties common to all frames, by name: 'method'; of a single yarn 'fibres', their
+    scatter about the helix, and 'depth', how far they run below the outline; of a plied one 'texture', what fibres and
+    background make of the strands' period."""
     other_hand: int
     """Frames whose twist was taken away because of their hand."""
     reason: str
@@ -49,6 +50,7 @@ class ClipTwist:
 
 def clip_twist(
     frames: Array,
+    u_frames: Array,
     yarn: NDArray[np.bool_],
     faces: Sequence[tuple[Face, Recurrence | None]],
     method: str,
@@ -59,6 +61,7 @@ def clip_twist(
     Parameters
     ----------
     frames : turns per pixel of each frame, Z > 0, NaN where not credible, shape (n,).
+    u_frames : standard uncertainty of each by what it does not explain [1/px], NaN where not told, shape (n,).
     yarn : whether there is yarn in it, shape (n,).
     faces : of the frames that were looked at for a full turn.
     method : a name of `METHOD_U`.
@@ -69,9 +72,12 @@ def clip_twist(
         twist = np.full(frames.size, math.nan)
     u = {"method": METHOD_U[method]}
     known = twist[np.isfinite(twist)]
+    slope = float(np.median(known)) if known.size else math.nan
+    spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
+    told = u_frames[np.isfinite(twist) & np.isfinite(u_frames)]
+    if told.size:
+        u["texture"] = _shared(math.sqrt(float(np.mean(told**2))) / abs(slope), spread)
     if method == "surface" and known.size:
-        slope = float(np.median(known))
-        spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
         u |= {"fibres": _shared(slope_scatter([face for face, _ in faces]), spread), "depth": U_DEPTH}
         by_slope = 1.0
         if ratio is not None:
@@ -86,7 +92,7 @@ def clip_twist(
 
 
 def _shared(scatter: float, spread: float) -> float:
-    """Return the part of the scatter of one frame's fibres that is not seen as spread of the frames.
+    """Return the part of the scatter of one frame, as by its fibres, that is not seen as spread of the frames.
 
     Frames show the same fibres over and over, and their mean is as wrong as one of them; what differs from frame to
     frame is in the spread of the twist.

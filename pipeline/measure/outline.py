@@ -57,6 +57,8 @@ MIN_SHARE = 0.3
 """Share of what varies along the outline that its strongest period is, at least, to be the strands'."""
 MIN_SHARE_UNTOLD, FARTHEST_UNTOLD = 0.5, 9.0
 """These two where nobody says that there are strands."""
+MANY_PERIODS = 8.0
+"""Periods over which what is strongest by chance does not stay so: from there on `MIN_SHARE` will do all the same."""
 MAX_UNSEEN = 0.2
 """Share of the length at which no edge is seen from which on there is no outline."""
 HAIR = 4.0
@@ -115,12 +117,26 @@ def why_not_of(found: Scallops | None, plies: int, per_pixel: float) -> str:
     return ""
 
 
+def steep_as(plies: int, twist: float, per_pixel: float) -> bool:
+    """Say whether what is on the face is about as steep as n strands of a twist.
+
+    Parameters
+    ----------
+    plies : strands n, at least 2.
+    twist : T [1/px].
+    per_pixel : the twist λT that the slope of what is on the face tells [1/px]; 0 where it tells none.
+    """
+    return not per_pixel or math.log(slope_share(plies) * abs(twist / per_pixel)) ** 2 <= FARTHEST * SPREAD**2
+
+
 def strands_seen(found: Scallops | None, per_pixel: float) -> int:
     """Return the count of strands that an outline is that of, without having been told it; 0 where of none.
 
     For `per_pixel`, without which depth alone would decide, see `why_not_of`.
     """
-    if found is None or found.share < MIN_SHARE_UNTOLD or not per_pixel:
+    if found is None or not per_pixel:
+        return 0
+    if found.share < (MIN_SHARE_UNTOLD if found.periods < MANY_PERIODS else MIN_SHARE):
         return 0
     off = {count: _off(found, count, per_pixel) for count in COUNTS}
     likest = min(off, key=lambda count: off[count])

@@ -22,9 +22,11 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from pipeline.measure.axis import YarnAxis, straighten
+from pipeline.measure.coloured import coloured_u
 from pipeline.measure.lines import Image, Pixels
 from pipeline.measure.outline import find_scallops, why_not_of
 from pipeline.measure.twist import FrameTwist, strand_slope
+from pipeline.records import Array
 
 HARMONICS = 3
 SLOPES = (0.05, 1.6)
@@ -54,11 +56,13 @@ def ply_twist(image: Image | Pixels, axis: YarnAxis, plies: int) -> FrameTwist:
     rows = seen - (seen @ trend) @ trend.T
     total = max(float(np.sum(rows**2)), 1e-12)
 
-    def explained(frequency: float) -> float:
+    def waves(frequency: float) -> Array:
         angle = 2 * math.pi * frequency * np.outer(x, np.arange(1, HARMONICS + 1))
         basis = np.hstack([np.cos(angle), np.sin(angle)])
-        basis = np.linalg.qr(basis - trend @ (trend.T @ basis))[0]
-        return float(np.sum((rows @ basis) ** 2)) / total
+        return basis - trend @ (trend.T @ basis)
+
+    def explained(frequency: float) -> float:
+        return float(np.sum((rows @ np.linalg.qr(waves(frequency))[0]) ** 2)) / total
 
     reach = 0.5 / length
     best = minimize_scalar(
@@ -73,7 +77,30 @@ def ply_twist(image: Image | Pixels, axis: YarnAxis, plies: int) -> FrameTwist:
         reason = f"a period of the plies explains {share:.2f} of what is seen: at least {MIN_EXPLAINED} is needed"
     elif not slope:
         reason = "nothing on the face of the yarn tells its hand"
-    return FrameTwist(math.nan if reason else math.copysign(frequency / plies, slope), share, found.share, reason)
+    twist = math.nan if reason else math.copysign(frequency / plies, slope)
+    return FrameTwist(twist, share, found.share, reason, _u_frequency(rows, x, trend, waves(frequency)) / plies)
+
+
+def _u_frequency(rows: Array, x: Array, trend: Array, waves: Array) -> float:
+    """Return the standard uncertainty of the frequency by what the periodic signal leaves of the rows [1/px].
+
+    Parameters
+    ----------
+    rows : without their trend, shape (rows, length).
+    x : places along the yarn, shape (length,) [px].
+    trend : orthonormal, shape (length, 3).
+    waves : cosines and sines of the harmonics without their trend, shape (length, 2 `HARMONICS`).
+    """
+    shares = np.linalg.lstsq(waves, rows.T, rcond=None)[0]
+    rest = rows - (waves @ shares).T
+    order = 2 * math.pi * np.arange(1, HARMONICS + 1)
+    cosines, sines = waves[:, :HARMONICS] * order, waves[:, HARMONICS:] * order
+    change = x[:, None] * (cosines @ shares[HARMONICS:] - sines @ shares[:HARMONICS])
+    fitted = np.linalg.qr(np.hstack([trend, waves]))[0]
+    change = (change - fitted @ (fitted.T @ change)).T
+    influence = change / max(float(np.sum(change**2)), 1e-300)
+    spread = np.sqrt(np.mean(rest**2, axis=1, keepdims=True)) + 1e-300
+    return coloured_u(influence * spread, rest / spread)
 
 
 def _none(reason: str) -> FrameTwist:

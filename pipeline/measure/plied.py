@@ -6,7 +6,8 @@ found, and the picture of n strands (`strands.py`) is fitted to the strip (`stra
 period of n strands (`outline.py`), which says from which twist the fit starts; what is inclined on the face says of
 which hand: strands that differ, or show their fibres, are no picture of strands, and another count or the other hand
 may fit as well. Where the face tells no hand the picture must, or `pitch.py`; where too few strands are in view for a
-period of the outline, the picture must explain more. Here it is decided whether the fit is credible.
+period of the outline, the picture must explain more. Its strands must be as steep as what is seen on the face. Here it
+is decided whether the fit is credible.
 
 The diameter is that of this geometry. Strands that are flattened where they touch have a smaller circle than r says.
 """
@@ -19,7 +20,7 @@ import numpy as np
 from pipeline.measure.axis import YarnAxis, find_line, straighten
 from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.outline import MIN_PERIODS as MIN_SCALLOPS
-from pipeline.measure.outline import MIN_SHARE, outline, scallops, why_not_of
+from pipeline.measure.outline import MIN_SHARE, outline, scallops, steep_as, why_not_of
 from pipeline.measure.pitch import ply_twist
 from pipeline.measure.strands import mean_width
 from pipeline.measure.strands_fit import MIN_PERIODS, Picture, best_fit, fit
@@ -124,7 +125,7 @@ def _follow(
         return unlike
     period = seen.frequency / plies if seen is not None and not unlike else None
     picture = best_fit(strip, plies, width, before, period, int(np.sign(slope)))
-    reason = _doubt(picture, plies, length, unlike)
+    reason = _doubt(picture, plies, length, unlike, slope)
     if not reason and abs(picture.at[1]) * length > ALIGNED:
         (x, y), angle = _moved(picture, centre, angle)
         first = centre
@@ -135,7 +136,7 @@ def _follow(
         at[3] += 2 * math.pi * at[4] * along
         strip = straighten(image, centre, angle, half, max(length, 1))
         picture = replace(fit(strip, plies, at, picture.levels, picture.computed), other=picture.other)
-        reason = _doubt(picture, plies, length, unlike)
+        reason = _doubt(picture, plies, length, unlike, slope)
     if reason:
         return reason
     axis = _axis(picture, *_moved(picture, centre, angle), length, plies)
@@ -147,7 +148,7 @@ def _follow(
         same = abs(abs(period) - abs(twist)) <= AGREEMENT * abs(twist)
         twist = math.copysign(twist, period) if same else math.nan
         reason = "" if same else "Z and S explain the strands about as well"
-    return YarnFound(axis, FrameTwist(twist, picture.explained, contrast, reason), "", picture)
+    return YarnFound(axis, FrameTwist(twist, picture.explained, contrast, reason, picture.u_twist), "", picture)
 
 
 def _cut(image: Image | Pixels, x: float, y: float, angle: float, width: float) -> tuple[tuple[float, float], int, int]:
@@ -165,8 +166,11 @@ def _moved(picture: Picture, centre: tuple[float, float], angle: float) -> tuple
     return (centre[0] + offset * math.sin(angle), centre[1] + offset * math.cos(angle)), angle
 
 
-def _doubt(picture: Picture, plies: int, length: int, unlike: str) -> str:
-    """Say why a picture is not credible; empty where it is. `unlike` says why the outline is not that of strands."""
+def _doubt(picture: Picture, plies: int, length: int, unlike: str, slope: float) -> str:
+    """Say why a picture is not credible; empty where it is.
+
+    `unlike` says why the outline is not that of strands; for `slope` see `strand_slope`.
+    """
     if math.isnan(picture.u_radius):
         return "the strands' picture does not settle"
     periods = plies * abs(float(picture.at[4])) * length
@@ -177,6 +181,11 @@ def _doubt(picture: Picture, plies: int, length: int, unlike: str) -> str:
         (
             periods < MIN_PERIODS,
             f"{periods:.2f} periods of the strands are in view: at least {MIN_PERIODS:g} is needed",
+        ),
+        (
+            # along an axis that is not the yarn's own a strand that hardly turns looks as tilted as the yarn
+            not steep_as(plies, float(picture.at[4]), slope),
+            "what is seen on the face is not as steep as the strands",
         ),
         (
             picture.explained < explained,

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.compiled import compiled
+from pipeline.measure.coloured import coloured_u
 from pipeline.measure.lines import Image
 from pipeline.measure.pitch import SLOPES
 from pipeline.measure.strands import PHASES, STEP, Pictures, mean_width, pictures, set_design, strands
@@ -51,6 +52,8 @@ COARSE, FEWEST = 4, 40
 BIWEIGHT = 4.685
 HAIR = 0.3
 """Residual over the picture's height from which on it counts as this much."""
+OUTSIDE = 0.05
+"""Level of the picture over its height below which a pixel shows the background."""
 FARTHEST = 1.55
 """Largest direction of the lamp [rad]."""
 
@@ -73,6 +76,8 @@ class Picture:
     """Root mean square over the rows of what is left in the mean, over the picture's height."""
     u_radius: float
     """Formal relative uncertainty of r; NaN where the fit did not settle."""
+    u_twist: float
+    """Standard uncertainty of T by what is left, as in `coloured.py` [1/px]; NaN where `u_radius` is."""
     other: float = math.nan
     """`squares` of the best picture of the other hand, in the last frame in which it was looked for; infinite where the
     hand was known."""
@@ -166,6 +171,7 @@ def _fit(
     largest[[1, 4]] /= length
     settled, scale, damped = False, np.ones(14), np.eye(14)
     rest, weight, noise, height = target, np.ones(target.size), 0.0, 1.0
+    above, spread = np.zeros(target.size), np.ones(target.size)
     for i in range(first, STEPS):
         computed = pictures(plies, at, _reach(strip), computed, tolerance=every)
         shown = computed.moved_to(at)
@@ -194,6 +200,19 @@ def _fit(
     rows = strip.shape[0]
     limited, weight = np.minimum(np.abs(rest), HAIR * height), weight.reshape(-1, rows)
     mean = (rest.reshape(-1, rows) * weight).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-9)
+    u_radius, u_twist = math.nan, math.nan
+    if settled:
+        inverse = np.linalg.inv(damped) / np.outer(scale, scale)
+        u_radius = math.sqrt(float(inverse[9, 9]))
+        influence, left = inverse[11] @ design / spread, weight.ravel() * rest / spread
+        # a parameter moves the sum of ψ by less than if the weights were held (Huber, Robust Statistics, 1981, 7.6)
+        square = np.minimum((rest / spread / BIWEIGHT) ** 2, 1)
+        held = float(influence**2 @ (1 - square) ** 2)
+        influence *= held / max(float(influence**2 @ ((1 - square) * (1 - 5 * square))), 0.1 * held)
+        # what fibres leave, and what the background does, are correlated over lengths of their own
+        body = above > OUTSIDE * height
+        parts = ((influence * part, left * part) for part in (body, ~body))
+        u_twist = math.hypot(*(coloured_u(a.reshape(-1, rows), r.reshape(-1, rows)) for a, r in parts))
     return Picture(
         at,
         levels,
@@ -201,14 +220,15 @@ def _fit(
         explained=_explained(looked_at, limited, noise),
         share=float(np.mean(weight > 0.2)),
         misfit=math.sqrt(float(np.mean(mean**2))) / height,
-        u_radius=math.sqrt(float(np.linalg.inv(damped)[9, 9])) / float(scale[9]) if settled else math.nan,
+        u_radius=u_radius,
+        u_twist=u_twist,
         computed=computed,
     )
 
 
 def _spread(rest: Array, above: Array, height: float) -> tuple[float, Array]:
     """Return the noise and each pixel's standard deviation: noise, and texture that grows with the level `above`."""
-    outside, inside = above < 0.05 * height, above > 0.5 * height
+    outside, inside = above < OUTSIDE * height, above > 0.5 * height
     noise = 1.4826 * float(np.median(np.abs(rest[outside]))) if np.any(outside) else 0.0
     noise = max(noise, 1e-3 * height)
     body = 1.4826 * float(np.median(np.abs(rest[inside])))

@@ -85,6 +85,8 @@ class FrameTwist:
     """1 − (the best Q of any other slope) / (the largest Q)."""
     reason: str
     """Why there is no twist; empty where there is."""
+    u: float = math.nan
+    """Standard uncertainty by what texture and background leave unexplained [1/px]; NaN where not told."""
 
 
 def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:

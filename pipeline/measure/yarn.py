@@ -144,7 +144,8 @@ class _Clip:
     """What was found in a clip's frames, in pixels, arrays of shape (n,) but `centre`, (n, 2); NaN where nothing."""
 
     def __init__(self, n: int):
-        self.angle, self.twist, self.diameter, self.hairs, self.turn = (np.full(n, np.nan) for _ in range(5))
+        self.angle, self.twist, self.u_twist, self.diameter = (np.full(n, np.nan) for _ in range(4))
+        self.hairs, self.turn = np.full(n, np.nan), np.full(n, np.nan)
         self.centre = np.full((n, 2), np.nan)
         self.confidence, self.flag = np.zeros(n), np.zeros(n, np.uint16)
         self.reasons, self.doubts = Counter[str](), Counter[str]()
@@ -160,7 +161,7 @@ class _Clip:
             return
         axis = found.axis
         self.centre[i], self.angle[i], self.twist[i] = axis.centre, axis.angle, found.twist.per_pixel
-        self.hairs[i], self.turn[i] = found.hairs, found.turn
+        self.u_twist[i], self.hairs[i], self.turn[i] = found.twist.u, found.hairs, found.turn
         if found.face is not None:
             self.faces.append(found.face)
         if found.strands is not None:
@@ -189,7 +190,7 @@ class _Clip:
         Its strands' slope is no single yarn's twist, and its outline is not that of one cylinder.
         """
         plied = [count for count in self.strands if count]
-        if 2 * len(plied) <= len(self.strands):
+        if not plied or 2 * len(plied) < len(self.strands):
             return
         seen = np.isfinite(self.angle)
         count, _ = Counter(plied).most_common(1)[0]
@@ -255,7 +256,7 @@ def measure_yarn(
     found.drop_chance_diameters()
     found.refuse_plied()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
-    whole = clip_twist(found.twist, np.isfinite(angle), found.faces, method, ratio)
+    whole = clip_twist(found.twist, found.u_twist, np.isfinite(angle), found.faces, method, ratio)
     if whole.other_hand:
         reasons[whole.reason] += whole.other_hand
     flag[np.isfinite(angle) & np.isnan(whole.per_pixel)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)

@@ -7,7 +7,16 @@ import pytest
 from yarn_frames import clip, yarn
 
 from pipeline.measure.axis import find_axis
-from pipeline.measure.outline import Scallops, depth, find_scallops, scallops, slope_share, strands_seen, why_not_of
+from pipeline.measure.outline import (
+    Scallops,
+    depth,
+    find_scallops,
+    scallops,
+    slope_share,
+    steep_as,
+    strands_seen,
+    why_not_of,
+)
 from pipeline.measure.twist import strand_slope
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import FrameFlag, Scale
@@ -103,3 +112,16 @@ def test_a_plied_yarn_measured_as_a_single_one_gives_no_number():
     assert np.all(m.flag & FrameFlag.TWIST_NOT_CREDIBLE)
     assert np.all(m.flag & FrameFlag.DIAMETER_NOT_CREDIBLE)
     assert "the outline is that of a plied yarn, of 3 strands as it seems" in m.reason
+
+
+def test_a_period_that_holds_for_long_needs_less_of_the_outline():
+    twist = 0.01
+    few, many = (Scallops(4 * twist, depth(4), 0.4, periods) for periods in (4.0, 12.0))
+    assert strands_seen(few, slope_share(4) * twist) == 0
+    assert strands_seen(many, slope_share(4) * twist) == 4
+
+
+def test_strands_are_as_steep_as_what_is_on_the_face():
+    assert steep_as(4, 0.01, -0.8 * slope_share(4) * 0.01)
+    assert not steep_as(4, 0.0017, slope_share(4) * 0.01)
+    assert steep_as(4, 0.01, 0.0)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 from yarn_frames import clip, yarn
 
 from pipeline.measure.axis import find_axis
@@ -107,3 +108,29 @@ def test_frames_of_a_clip_are_flagged_or_measured_with_their_uncertainty():
     diameter = m.summary["diameter"]
     assert abs(diameter.mean - 32.0) < 2 * diameter.u < 0.04 * 32
     assert m.handedness == "Z"
+
+
+def test_u_of_the_twist_is_its_scatter_under_blotches():
+    """Blotches as wide as a strand, a quarter of the level: a formal u, which takes pixels for independent, is 4 times
+    too small."""
+    image, _ = plied(4, 3, tan_beta=0.6)
+    plain = found(image, 3).twist.per_pixel
+    rng = np.random.default_rng(1)
+    twists, us = [], []
+    for _ in range(10):
+        blotches = gaussian_filter(rng.standard_normal(SHAPE), 3.0)
+        blotched = image * np.exp(0.25 * blotches / blotches.std())
+        twist = found(np.clip(blotched, 0, 4095).astype(np.uint16), 3).twist
+        twists.append(twist.per_pixel)
+        us.append(twist.u)
+    scatter, u = float(np.std(np.array(twists) - plain)), math.sqrt(np.mean(np.square(us)))
+    assert 0.7 < scatter / u < 1.6
+    assert u < 0.01 * plain
+
+
+def test_u_of_a_clip_holds_what_its_frames_have_in_common():
+    image, _ = plied(4, 2, tan_beta=0.6)
+    m = measure_yarn(clip([image] * 4), Scale(1.0, 0.0), cylinder_axis=None, method="ply", plies=2)
+    u = m.summary["twist"].u_terms
+    assert u["texture"] == pytest.approx(found(image, 2).twist.u, rel=0.05)
+    assert u["sampling"] < 0.2 * u["texture"]
