@@ -87,6 +87,18 @@ def test_a_yarn_without_a_tracer_is_refused():
         assert "tracer" in found.reason
 
 
+@pytest.mark.parametrize("faded", [True, False])
+def test_a_tracer_fibre_has_one_colour_all_along(faded):
+    """Half of the yarn has a fibre that is dyed less."""
+    strong, weak = (
+        yarn(5, tan_beta=0.8, angle=90.0, material={"tracer": (0.2, dye)})[0] for dye in (0.2, 0.7 if faded else 0.2)
+    )
+    image = pixels(np.concatenate([strong[: SHAPE[0] // 2], weak[SHAPE[0] // 2 :]]))
+    found = tracer_twist(image, find_axis(image))
+    assert ("of its depth along the yarn" in found.reason) == faded
+    assert math.isnan(found.per_pixel) == faded
+
+
 @pytest.mark.parametrize("ambient", [0.35, 0.0])
 @pytest.mark.parametrize("light", [0.4, -0.8, 1.1])
 def test_light_from_the_side_moves_neither_diameter_nor_twist(light, ambient):
