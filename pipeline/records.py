@@ -73,6 +73,8 @@ class FrameFlag(IntFlag):
     OUTLIER = 16
     REDUCED_DEPTH = 32
     DIAMETER_NOT_CREDIBLE = 64
+    BENT = 128
+    """The yarn is bent: its angle is that of its tangent in the middle of the length in view."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +237,8 @@ class YarnMeasurement:
     flag: Flags
     """Bits of `FrameFlag`."""
     summary: Mapping[str, Estimate]
-    """Keys 'axis_angle', 'theta_B', 'twist', 'diameter', 'hairiness', 'helix_rotation', and 'rotation' where the
-    yarn's speed was given."""
+    """Keys 'axis_angle', 'theta_B', 'twist', 'diameter', 'unevenness', 'hairiness', 'helix_rotation', and 'rotation'
+    where the yarn's speed was given."""
     handedness: str
     """'Z', 'S' or '' where twist is not credible."""
     reason: str
@@ -248,6 +250,12 @@ class YarnMeasurement:
     helix_rotation: Array
     """Turns a second of the helix at a fixed place, until the next frame, right-handed about the direction of travel
     [1/s], shape (n,); NaN where not resolved or not looked at. See measure/rotation.py."""
+    sagitta: Array
+    """Of the yarn's axis over the length in view, to the right of its direction [m], shape (n,); 0 where it is straight
+    as far as can be told."""
+    unevenness: Array
+    """Coefficient of variation of the diameter along the yarn in view, shape (n,); the fibres' texture counts as 0.01
+    to 0.03. NaN for plied yarn."""
     thumbnails: tuple[Thumbnail, ...] = ()
 
 

@@ -230,7 +230,7 @@ def _tension(log: TensionMeasurement) -> xr.Dataset:
 
 def _yarn(clip: YarnMeasurement) -> xr.Dataset:
     units = {"axis_angle": "radian", "theta_B": "radian", "twist": "m-1", "diameter": "m", "hairiness": "m-1"}
-    units |= {"helix_rotation": "s-1", "rotation": "s-1"}
+    units |= {"helix_rotation": "s-1", "rotation": "s-1", "unevenness": "1"}
     variables: _Variables = {
         "time": _variable("frame", clip.raw.time, "s"),
         "axis_angle": _variable("frame", clip.axis_angle, "radian"),
@@ -238,6 +238,10 @@ def _yarn(clip: YarnMeasurement) -> xr.Dataset:
         "twist": _variable("frame", clip.twist, "m-1"),
         "diameter": _variable("frame", clip.diameter, "m"),
         "hairiness": _variable("frame", clip.hairiness, "m-1", "hairs that cross a line beside the yarn"),
+        "sagitta": _variable("frame", clip.sagitta, "m", "sagitta of the yarn's axis over the length in view"),
+        "unevenness": _variable(
+            "frame", clip.unevenness, "1", "coefficient of variation of the diameter along the yarn"
+        ),
         "helix_rotation": _variable("frame", clip.helix_rotation, "s-1", "turns of the helix at a fixed place"),
         "confidence": _variable("frame", clip.confidence, "1"),
         "flag": _flags("frame", clip.flag, FrameFlag),

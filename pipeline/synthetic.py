@@ -49,6 +49,8 @@ class Material:
     """Width around [rad] and relative albedo of one dyed fibre that never leaves the surface; 0 wide: there is none."""
     variation: tuple[float, float] = (0.0, 10.0)
     """Variation of the twist along the yarn: relative amplitude of a sine, and its wave length [diameters]."""
+    thickness: tuple[float, float] = (0.0, 10.0)
+    """The same for the diameter of a single yarn; hairs start from the mean one."""
     depth: float = 0.0
     """How far below the outline the fibres of a single yarn run [radii]: few fibres make a yarn's outline, most of
     those that are seen run further in."""
@@ -112,6 +114,9 @@ class Optics:
     """Direction of the light around the yarn axis, 0 towards the camera [rad]."""
     uneven: tuple[float, float] = (0.15, -0.1)
     """Relative change of the light from the centre to the right and the upper border of the frame."""
+    gloss: tuple[float, float] = (0.0, 0.3)
+    """Level of a shining band over the yarn's, half way between camera and light, and its standard deviation around
+    [rad]."""
     full_well: float = 40000.0
     """Photoelectrons at full scale: the shot noise."""
     read_noise: float = 2.5
@@ -153,6 +158,7 @@ def render_frame(
     phase: float = 0.0,
     travel: float = 0.0,
     tilt: float = 0.0,
+    bend: float = 0.0,
     exposure: float = 0.0,
     backdrop: Backdrop | None = None,
     optics: Optics | None = None,
@@ -172,6 +178,8 @@ def render_frame(
         −2π·twist·travel.
     travel : distance that the yarn has moved along its axis [px].
     tilt : angle of the axis with the image plane, its far end nearer to the camera if positive [rad].
+    bend : curvature of the axis, to the right of its direction; it has its direction next to the frame's centre, from
+        which places along it are counted, and its diameter square to that [1/px].
     exposure : rotation while the shutter is open, about `phase` [rad].
     backdrop : added to the background's level.
     optics : `Optics()` if not given.
@@ -183,7 +191,7 @@ def render_frame(
     levels = [
         _level(
             material, optics, shape, axis_angle, diameter=diameter, twist=twist, offset=offset,
-            phase=phase + turn, travel=travel, tilt=tilt, backdrop=backdrop,
+            phase=phase + turn, travel=travel, tilt=tilt, bend=bend, backdrop=backdrop,
         )
         for turn in turns.tolist()
     ]  # fmt: skip
@@ -211,6 +219,7 @@ def _level(
     phase: float,
     travel: float,
     tilt: float,
+    bend: float,
     backdrop: Backdrop | None,
 ) -> Array:
     """One instant without noise, as levels; parameters as for `render_frame`."""
@@ -225,7 +234,10 @@ def _level(
     if backdrop is not None:
         image += backdrop(right, up).astype(np.float32)
     along = right * c + up * s
-    body = np.abs(across) < diameter / 2
+    if bend:
+        across -= 0.5 * bend * along**2
+    width = _width(material, diameter, along - travel)
+    body = np.abs(across) < width / 2
     if material.plies > 1:
         turn = phase + _unevenness(material, twist, diameter, along - travel)
         body &= _strand(material, across, along, diameter, twist, turn)[0] > -math.inf
@@ -235,12 +247,10 @@ def _level(
         _, gamma, number = _strand(material, across[body], along, diameter, twist, turn)
         around = gamma - phase + 1.3 * number  # the strands' own twist undoes the plies'
     else:
-        gamma = np.arcsin(across[body] / (diameter / 2))
+        gamma = np.arcsin(across[body] / (np.broadcast_to(width, body.shape)[body] / 2))
         if tilt:
             along = (along - diameter / 2 * np.cos(gamma) * math.sin(tilt)) / math.cos(tilt)
-        place = gamma
-        if material.depth:
-            place = np.arcsin(np.clip(across[body] / (diameter / 2 * (1 - material.depth)), -1, 1))
+        place = np.arcsin(np.clip(np.sin(gamma) / (1 - material.depth), -1, 1)) if material.depth else gamma
         around = place - 2 * math.pi * twist * along - turn
     albedo = 1 + _texture_at(material, around, (along - travel) / diameter)
     width, dye = material.tracer
@@ -248,9 +258,13 @@ def _level(
         albedo[np.abs(np.mod(around + math.pi, 2 * math.pi) - math.pi) < width / 2] *= dye
     lambert = np.maximum(np.cos(gamma - optics.light_angle), 0)
     image[body] = optics.yarn * albedo * (optics.ambient + (1 - optics.ambient) * lambert)
+    shine, spread = optics.gloss
+    if shine:
+        image[body] += optics.yarn * shine * np.exp(-0.5 * ((gamma - optics.light_angle / 2) / spread) ** 2)
     hairs = _hairs_in_view(
-        material, shape, axis_angle, diameter=diameter, twist=twist, offset=offset, phase=phase, travel=travel
-    )
+        material, shape, axis_angle, diameter=diameter, twist=twist, offset=offset, phase=phase, travel=travel,
+        bend=bend,
+    )  # fmt: skip
     for points in hairs:
         sixteenths = np.round(((points + 0.5) * SUPERSAMPLING - 0.5) * 16).astype(np.int32)
         cv2.polylines(image, [sixteenths], False, 0.6 * optics.yarn, 2, cv2.LINE_AA, 4)
@@ -272,6 +286,12 @@ def _unevenness(material: Material, twist: float, diameter: float, place: Array)
         return 0.0
     wave *= diameter
     return amplitude * twist * wave * np.sin(2 * math.pi / wave * place)
+
+
+def _width(material: Material, diameter: float, place: Array) -> Array | float:
+    """Diameter at places along the yarn [px]."""
+    amplitude, wave = material.thickness
+    return diameter * (1 + amplitude * np.sin(2 * math.pi / (wave * diameter) * place)) if amplitude else diameter
 
 
 def _strand(
@@ -313,6 +333,7 @@ def _hairs_in_view(
     offset: float,
     phase: float,
     travel: float,
+    bend: float,
 ) -> Iterator[Array]:
     """Yield each hair's visible part as points (x, y), shape (k, 2) [px]; (0, 0) is the top left pixel's centre."""
     rows, columns = shape
@@ -327,7 +348,7 @@ def _hairs_in_view(
         around = angle + 2 * math.pi * twist * foot + phase + curl * outward**2
         across = (radius + outward * size * diameter) * np.sin(around)
         visible = (np.cos(around) > 0) | (np.abs(across) > radius)
-        across = across + offset
+        across = across + offset + 0.5 * bend * along**2
         points = np.column_stack([columns / 2 - 0.5 + along * c + across * s, rows / 2 - 0.5 - along * s + across * c])
         if visible.sum() > 1:
             yield points[visible]

@@ -161,7 +161,8 @@ def clip(*, credible: bool = True) -> YarnMeasurement:
     confidence = np.where(flag & np.uint16(FrameFlag.NO_YARN), 0.0, 0.9)
     return YarnMeasurement(
         raw, "unrolled fibres", np.full(n, 0.2), theta, twist, diameter, confidence, flag, summary,
-        "Z" if credible else "", reason, np.full((n, 2), 30.0), np.full(n, 2e3), np.full(n, np.nan), shots,
+        "Z" if credible else "", reason, np.full((n, 2), 30.0), np.full(n, 2e3), np.full(n, np.nan), np.zeros(n),
+        np.full(n, 0.02), shots,
     )  # fmt: skip
 
 

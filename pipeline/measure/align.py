@@ -1,9 +1,17 @@
 """A line in a frame, aligned with the yarn on it: the second step of `axis.py`.
 
-The yarn is cut along the line (`lines.py`). The mean cross profile p(w) is held against each short block of it:
-I(w) = g·p(w) + o − δ·p′(w) is solved for the block's shift δ (the image registration of Lucas and Kanade, IJCAI 1981,
-with gain and offset). p′ is large at the two edges only, so δ is the mean of both edges' sub-pixel positions and
-texture hardly enters. A robust line through δ corrects the axis; blocks with a hair or a second object drop out.
+The yarn is cut along the line (`lines.py`). Near either edge the mean cross profile p(w) is held against each short
+block of the cut: I(w) = g·p(w) + o − δ·p′(w) is solved for how far the block's edge is shifted (the image registration
+of Lucas and Kanade, IJCAI 1981, with gain and offset). Only rows from `WITHIN` inside of the edge outwards count, and
+each edge has a gain of its own: fibres that shine or are dark there shift little. (δ₁ + δ₂)/2 is where the yarn's
+middle is, whichever edge the light favours: with one shift for both edges a taper of 5 % tilted the axis by 0.1°. A
+robust line through the middles corrects the axis; blocks with a hair or a second object drop out. Where a parabola's
+sagitta exceeds what texture may seem to bend, the yarn is cut anew along it.
+
+The mean profile of a yarn that is thick here and thin there is a mixture whose edges are blurred and whose width is no
+diameter's. Where (δ₂ − δ₁)/2 varies along the yarn by more than `EVEN` and `EVEN_SHARE`, the blocks are laid on each
+other: moved by the parabola and stretched so that both edges are where they are on the average. The profile is then
+that of a yarn of the mean diameter.
 
 Compiled as a whole: a frame needs one or two cuts, and between calls threads would wait for each other.
 """
@@ -12,15 +20,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.compiled import inner, spliced
 from models.newton import lu_factor, lu_solve
-from pipeline.measure.lines import Image, Pixels, block_means, span, step_across
-from pipeline.measure.profile import background, middle, products
+from pipeline.measure.lines import BLOCK, Image, Pixels, block_means, span, step_across, taps
+from pipeline.measure.profile import background, feet, middle, products
 from pipeline.records import Array
 
-BLOCK = 8
-"""Lines whose shift is found at once."""
 FEWEST = 4
 """Fewest blocks of a cut."""
 MIN_ASPECT = 2.0
@@ -32,6 +39,23 @@ CENTRED = 2.0
 """Distance of the yarn from a cut's middle up to which it counts as centred [px]; the profile's fit does the rest."""
 ROUNDS = 6
 """Largest number of cuts made to align one."""
+FEWEST_BENT = 8
+"""Fewest blocks of a cut in which a bend is looked for."""
+BENT = 4.0
+"""Least sagitta of a bent yarn, over the robust standard deviation of its middles about the parabola; `ALIGNED` at
+least."""
+FEWEST_EVENED = 12
+"""Fewest blocks of a cut in which unevenness is."""
+WITHIN, WITHIN_SHARE = 4.0, 0.15
+"""How far inside of an edge its rows begin [rows, and as a share of the half width]: the larger of the two, twice the
+standard deviation of a blur that twist bears, and some."""
+EVEN, EVEN_SHARE = 0.5, 0.03
+"""Root mean square of what the half width varies by, up to which it blurs the profile by less than the optics do, and
+texture may seem to [rows, and as a share of the half width]: the larger of the two."""
+SMOOTHED = 2
+"""Blocks on either side whose median is taken: what varies over less of the yarn blurs the profile, evenly."""
+EVENED = 4
+"""Largest number of times that blocks are laid on each other: a blurred profile tells shifts too small at first."""
 
 
 class Cut(NamedTuple):
@@ -57,12 +81,18 @@ class Registered(NamedTuple):
     """Their interquartile range, shape (rows,)."""
     tilt: float
     """Of the yarn against the cut [rows per line]."""
+    bend: float
+    """Curvature of the yarn against the cut [rows per line²]."""
     agreement: float
     """Share of the blocks that follow the yarn; 0 without enough of them."""
     shift: float
     """Distance of the yarn from the middle row, to the right [rows]."""
     beside: tuple[float, float]
     """Levels beside the yarn, at the first and at the last row [counts]."""
+    form: Array
+    """Width of each block over the mean, shape (blocks,); empty where it does not vary enough to matter."""
+    uneven: float
+    """Coefficient of variation of the width along the yarn."""
 
 
 class Aligned(NamedTuple):
@@ -72,53 +102,144 @@ class Aligned(NamedTuple):
     """Its length is 0 where there is no yarn."""
     registered: Registered
     angle: float
-    """[rad]"""
+    """In the cut's middle [rad]."""
+    bend: float
+    """Curvature, to the right [1/px]."""
 
 
 @inner
-def align(image: Image | Pixels, x: float, y: float, angle: float, radius: float) -> Aligned:
+def align(image: Image | Pixels, x: float, y: float, angle: float, bend: float, radius: float) -> Aligned:
     """Align a line with the yarn on it.
 
     Parameters
     ----------
     image : shape (rows, columns).
-    x, y, angle, radius : a point of the line [px], its angle [rad], and about half of the yarn's width [px].
+    x, y, angle, bend, radius : a point of the line [px], its angle there [rad], its curvature to the right [1/px], and
+        about half of the yarn's width [px].
     """
     none = Cut(np.empty((0, 0), np.float32), 1.0, x, y, 0)
-    nothing = Registered(np.empty(0), np.empty(0), 0.0, 0.0, 0.0, (0.0, 0.0))
+    nothing = Registered(np.empty(0), np.empty(0), 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), np.empty(0), 0.0)
     for _ in range(ROUNDS):
-        found = cut(image, x, y, angle, 1.3 * radius + 6, MIN_ASPECT * 2 * radius)
+        found = cut(image, x, y, angle, bend, 1.3 * radius + 6, MIN_ASPECT * 2 * radius)
         if not found.length:
             break
         x, y = found.x, found.y
-        registered = register(found.blocks)
+        registered = register(found.blocks, bend / found.step**3)
         if not registered.agreement:
             break
         # from rows and lines to pixels
-        tilt, shift = registered.tilt * found.step**2, registered.shift * found.step
+        tilt, shift, bent = (
+            registered.tilt * found.step**2,
+            registered.shift * found.step,
+            registered.bend * found.step**3,
+        )
         angle -= math.atan(tilt)
-        if abs(shift) <= CENTRED and abs(tilt) * found.length <= ALIGNED:
-            return Aligned(found, registered, angle)
+        bend += bent
+        sagitta = bent * found.length**2 / 8
+        if abs(shift) <= CENTRED and abs(tilt) * found.length <= ALIGNED and abs(sagitta) <= ALIGNED:
+            return Aligned(found, registered, angle, bend)
+        shift -= sagitta / 3  # from the yarn's mean place to that of the bent line's middle
         x, y = x + shift * math.sin(angle), y + shift * math.cos(angle)
-    return Aligned(none, nothing, angle)
+    return Aligned(none, nothing, angle, bend)
 
 
 @inner
-def cut(image: Image | Pixels, x: float, y: float, angle: float, reach: float, shortest: float) -> Cut:
+def cut(image: Image | Pixels, x: float, y: float, angle: float, bend: float, reach: float, shortest: float) -> Cut:
     """Cut a frame over `reach` on each side of a line; nothing where less than `shortest` of that band is in view."""
     step = step_across(angle)
     half = math.ceil(reach / step)
     low, high = span(image.shape[0], image.shape[1], x, y, angle, half * step)
+    if bend:  # its ends lie beside the tangent
+        aside = abs(bend) * (high - low) ** 2 / 8
+        low, high = span(image.shape[0], image.shape[1], x, y, angle, half * step + aside)
     length, count = math.floor(high - low), math.floor((high - low) * step / BLOCK)
     if length < shortest or count < FEWEST:
         return Cut(np.empty((0, 0), np.float32), step, x, y, 0)
     x, y = x + (low + high) / 2 * math.cos(angle), y - (low + high) / 2 * math.sin(angle)
-    return Cut(block_means(image, x, y, angle, half, count, BLOCK), step, x, y, length)
+    return Cut(block_means(image, x, y, angle, bend, half, count, BLOCK), step, x, y, length)
 
 
 @inner
-def register(blocks: Image) -> Registered:
-    """Find what blocks, shape (blocks, rows), have in common, and how the yarn lies in them."""
+def register(blocks: Image, cut_bend: float) -> Registered:
+    """Find what blocks have in common, and how the yarn lies in them.
+
+    Parameters
+    ----------
+    blocks : shape (blocks, rows).
+    cut_bend : of the line that they were cut along [rows per line²].
+    """
+    profile, spread = _common(blocks)
+    form, uneven = np.empty(0), 0.0
+    nothing = Registered(profile, spread, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), form, uneven)
+    if profile.max() <= profile.min():
+        return nothing
+    centre, half = feet(profile)
+    edges, usable = _edges(blocks, profile, centre, half)
+    tilt, bend, agreement = _parabola(edges[0], usable, cut_bend)
+    if not agreement:
+        return nothing
+    count = blocks.shape[0]
+    if count >= FEWEST_EVENED and half > 0:
+        place, curve = _powers(count)
+        moved, limit = np.zeros((2, count)), max(EVEN, EVEN_SHARE * half)
+        for _ in range(EVENED):
+            change = _smooth(edges[1], usable)
+            moved[1] += change
+            if math.sqrt(np.mean(change**2)) <= limit:
+                break
+            limit = EVEN / 2  # once laid on each other, blocks are so for good
+            moved[0] = tilt * place + bend * curve
+            laid = _laid_on(blocks, centre, half, moved)
+            profile, spread = _common(laid)
+            edges, usable = _edges(laid, profile, centre, half)
+            further = _parabola(edges[0], usable, cut_bend + bend)
+            tilt, bend, agreement = tilt + further[0], bend + further[1], further[2]
+            if not agreement:
+                return nothing
+            form = moved[1]
+        uneven = math.sqrt(np.mean(moved[1] ** 2)) / half
+        if form.size:
+            form = 1 + form / half
+    return Registered(profile, spread, tilt, bend, agreement, middle(profile), background(profile), form, uneven)
+
+
+@inner
+def _powers(count: int) -> tuple[Array, Array]:
+    """Return the places of blocks from their middle, x, and x²/2 without its mean [lines, and their square]."""
+    place, curve = np.empty(count), np.empty(count)
+    for k in range(count):
+        place[k] = (k - (count - 1) / 2) * BLOCK
+        curve[k] = 0.5 * place[k] * place[k]
+    curve -= curve.mean()
+    return place, curve
+
+
+@inner
+def about(form: Array, lean: float) -> tuple[float, float]:
+    """Return by how much a yarn tilts and bends further than its middle does, from which its axis is `lean` apart.
+
+    Light from one side puts the middle between the profile's feet off the axis. What is wider by a share moves that
+    middle by as large a share of this lean; so a taper, unless that is put right, tilts the axis.
+
+    Parameters
+    ----------
+    form : width of blocks over the mean, shape (blocks,), or empty.
+    lean : from the middle to the axis [rows].
+
+    Returns
+    -------
+    Rows per line, and rows per line².
+    """
+    if not form.size:
+        return 0.0, 0.0
+    place, curve = _powers(form.size)
+    tilt = lean * np.sum(place * (form - 1)) / np.sum(place * place)
+    return tilt, lean * np.sum(curve * (form - 1)) / np.sum(curve * curve)
+
+
+@inner
+def _common(blocks: Image) -> tuple[Array, Array]:
+    """Return the mean and the range of the middle half of the values in each row of the blocks, (blocks, rows)."""
     count, rows = blocks.shape
     quarter = count // 4
     ordered = blocks.copy()
@@ -130,9 +251,51 @@ def register(blocks: Image) -> Registered:
     for i in range(rows):
         profile[i] /= count - 2 * quarter
         spread[i] = ordered[count - quarter - 1, i] - ordered[quarter, i]
-    tilt, agreement = _shifts(blocks, profile)
-    shift = middle(profile) if agreement else 0.0
-    return Registered(profile, spread, tilt, agreement, shift, background(profile))
+    return profile, spread
+
+
+@inner
+def _laid_on(blocks: Image, centre: float, half: float, moved: Array) -> Image:
+    """Move and stretch blocks so that edges at `centre` ± `half` + `moved` come to lie at `centre` ± `half`.
+
+    Parameters
+    ----------
+    blocks : shape (blocks, rows).
+    centre : from the middle row [rows].
+    moved : how far each block's middle is moved, and how much wider each half of it is [rows], shape (2, blocks).
+    """
+    count, rows = blocks.shape
+    laid = np.empty(blocks.shape, np.float32)
+    middle = rows // 2 + centre
+    for k in range(count):
+        stretch = 1 + moved[1, k] / half
+        for i in range(rows):
+            place = min(max(middle + moved[0, k] + (i - middle) * stretch, 1.0), rows - 2.001)
+            near = math.floor(place)
+            a, b, c, d = taps(place - near)
+            laid[k, i] = (
+                a * blocks[k, near - 1]
+                + b * blocks[k, near]
+                + c * blocks[k, near + 1]
+                + d * blocks[k, min(near + 2, rows - 1)]
+            )
+    return laid
+
+
+@inner
+def _smooth(values: Array, usable: NDArray[np.bool_]) -> Array:
+    """Return running medians of the usable values, shape (n,), without their mean; hairs are shorter than these."""
+    count = values.size
+    smooth = np.zeros(count)
+    for k in range(count):
+        first, past = max(0, k - SMOOTHED), min(count, k + SMOOTHED + 1)
+        near = values[first:past][usable[first:past]]
+        if near.size:
+            ordered = np.sort(near)
+            smooth[k] = (ordered[(near.size - 1) // 2] + ordered[near.size // 2]) / 2
+        elif k:
+            smooth[k] = smooth[k - 1]
+    return smooth - smooth.mean()
 
 
 @inner
@@ -158,53 +321,108 @@ def _sort_columns(values: Image) -> None:
         merged *= 2
 
 
-@spliced
-def _shifts(blocks: Image, profile: Array) -> tuple[float, float]:
-    """Return the yarn's tilt [rows per line], and the share of the blocks that agree; 0 without enough."""
+@inner
+def _edges(blocks: Image, profile: Array, centre: float, half: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Return how far the yarn's middle and each half of its width are off the profile's, and where that can be told.
+
+    Parameters
+    ----------
+    blocks, profile : shape (blocks, rows) and (rows,).
+    centre, half : of the yarn, from the middle row, and half its width [rows].
+
+    Returns
+    -------
+    Shapes (2, blocks) [rows] and (blocks,).
+    """
     count, rows = blocks.shape
-    design = np.ones((3, rows))
-    for i in range(rows):
-        before, after = max(i - 1, 0), min(i + 1, rows - 1)
-        design[0, i], design[2, i] = profile[i], (profile[before] - profile[after]) / (after - before)
-    scale = np.empty(3)
-    for k in range(3):
-        scale[k] = math.sqrt(np.sum(design[k] ** 2))
-        if scale[k] <= 0:
-            return 0.0, 0.0
-        design[k] /= scale[k]
-    normal = products(design, design)
-    for k in range(3):
-        normal[k, k] += 1e-12
-    pivots = np.empty(3, np.int64)
-    lu_factor(normal, pivots)
-    # rows of the pseudo-inverse: what weighs a block's rows to its gain and to gain times shift
-    weighing = np.zeros((2, rows))
-    for m in range(2):
-        mixed = lu_solve(normal, pivots, np.eye(3)[2 * m])
+    edges, usable = np.zeros((2, count)), np.zeros(count, np.bool_)
+    inside = half - max(WITHIN, WITHIN_SHARE * half)
+    # for either edge, what weighs a block's rows to its gain and to gain times shift: rows of a pseudo-inverse
+    weighing, pivots = np.zeros((4, rows)), np.empty(3, np.int64)
+    for side in range(2):
+        design = np.zeros((3, rows))
+        for i in range(rows):
+            if (i - rows // 2 - centre) * (2 * side - 1) > inside:
+                before, after = max(i - 1, 0), min(i + 1, rows - 1)
+                design[0, i], design[1, i] = profile[i], 1
+                design[2, i] = (profile[before] - profile[after]) / (after - before)
+        scale = np.empty(3)
         for k in range(3):
-            weighing[m] += mixed[k] / scale[2 * m] * design[k]
-    gain, moved = products(weighing, blocks)
-    usable = (gain > 0.3) & (np.abs(moved) < np.abs(gain) * (rows / 4))
-    used = np.count_nonzero(usable)
+            scale[k] = math.sqrt(np.sum(design[k] ** 2))
+            if scale[k] <= 0:
+                return edges, usable
+            design[k] /= scale[k]
+        normal = products(design, design)
+        for k in range(3):
+            normal[k, k] += 1e-12
+        lu_factor(normal, pivots)
+        for m in range(2):
+            mixed = lu_solve(normal, pivots, np.eye(3)[2 * m])
+            for k in range(3):
+                weighing[2 * side + m] += mixed[k] / scale[2 * m] * design[k]
+    told = products(weighing, blocks)
+    for k in range(count):
+        if min(told[0, k], told[2, k]) > 0.3:
+            left, right = told[1, k] / told[0, k], told[3, k] / told[2, k]
+            edges[0, k], edges[1, k] = (left + right) / 2, (right - left) / 2
+            usable[k] = abs(edges[0, k]) < rows / 4
+    return edges, usable
+
+
+@spliced
+def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float) -> tuple[float, float, float]:
+    """Return the yarn's tilt [rows per line], bend [rows per line²] and the share of the blocks that agree.
+
+    First a robust line, then from its weights a parabola: that alone might follow a second object. A bend that is not
+    significant is taken for none.
+
+    Parameters
+    ----------
+    middles : shape (blocks,) [rows].
+    usable : shape (blocks,); without enough of them nothing agrees. Blocks that do not agree are made not usable.
+    cut_bend : see `register`; the bend returned is on top of it.
+    """
+    count, used = middles.size, np.count_nonzero(usable)
     if used < max(3, 0.3 * count):
-        return 0.0, 0.0
-    shift = moved[usable] / gain[usable]
+        return 0.0, 0.0, 0.0
     position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
-    weight = np.ones(used)
-    tilt = 0.0
-    for _ in range(10):
-        last = tilt
-        total = weight.sum()
-        centred = position - np.sum(weight * position) / total
-        weighted = weight * centred
-        tilt = np.sum(weighted * shift) / np.sum(weighted * centred)
-        rest = shift - np.sum(weight * shift) / total - tilt * centred
-        # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
-        reach = 4.685 * max(1.4826 * upper_median(np.abs(rest)), 0.02)
-        weight = np.maximum(1 - (rest / reach) ** 2, 0.0) ** 2
-        if abs(tilt - last) * BLOCK * count < 1e-3:
-            break
-    return tilt, np.sum(weight > 0.2) / count
+    shift = middles[usable] + 0.5 * cut_bend * position * position
+    weight, kept = np.ones(used), np.ones(used, np.bool_)
+    tilt, bend, agreement = 0.0, 0.0, 0.0
+    for bent in range(2 if used >= FEWEST_BENT else 1):
+        last, slope, curvature, deviation = math.inf, 0.0, 0.0, 0.0
+        for _ in range(10):
+            total = weight.sum()
+            centred = position - np.sum(weight * position) / total
+            weighted = weight * centred
+            squares = np.sum(weighted * centred)
+            rest = shift - np.sum(weight * shift) / total
+            slope = np.sum(weighted * rest) / squares
+            rest -= slope * centred
+            if bent:
+                curve = 0.5 * position * position
+                curve -= np.sum(weight * curve) / total
+                lean = np.sum(weighted * curve) / squares
+                curve -= lean * centred
+                curvature = np.sum(weight * curve * rest) / np.sum(weight * curve * curve)
+                rest -= curvature * curve
+                slope -= curvature * lean  # at place 0
+            deviation = 1.4826 * upper_median(np.abs(rest))
+            # Tukey's biweight with the usual 4.685 deviations; the floor keeps a noise-free frame from rejecting itself
+            weight = np.maximum(1 - (rest / (4.685 * max(deviation, 0.02))) ** 2, 0.0) ** 2
+            if abs(slope - last) * BLOCK * count < 1e-3:
+                break
+            last = slope
+        sagitta = abs(curvature) * (BLOCK * count) ** 2 / 8
+        if not bent or sagitta > max(ALIGNED, BENT * deviation):
+            tilt, bend, agreement = slope, curvature, np.sum(weight > 0.2) / count
+            kept = weight > 0.2
+    at = 0
+    for k in range(count):
+        if usable[k]:
+            usable[k] = kept[at]
+            at += 1
+    return tilt, bend - cut_bend, agreement
 
 
 @inner

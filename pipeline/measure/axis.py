@@ -25,11 +25,11 @@ import numpy as np
 
 from models.compiled import compiled, inner, spliced
 from models.newton import lu_factor, lu_solve
-from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, align, cut, register, upper_median
+from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, about, align, cut, register, upper_median
 from pipeline.measure.edges import bands
 from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.lit import NO_BODY, NOT_FITTED, LitProfile, bright_side, fit_lit, scaled, side_starts
-from pipeline.measure.profile import fit_profile, groove
+from pipeline.measure.profile import feet, fit_profile, groove
 from pipeline.records import Array
 
 REDUCTION = 4
@@ -93,6 +93,12 @@ class YarnAxis(NamedTuple):
     """Root mean square of what the profile's fit leaves, over the profile's range."""
     groove: float
     """Depth of the deepest groove along it, inside or beside, over the profile's range: two yarns have one."""
+    bend: float = 0.0
+    """Curvature of the axis, to the right of its direction at `centre` [1/px]."""
+    uneven: float = math.nan
+    """Coefficient of variation of the diameter along the yarn in view; NaN where it was not looked at."""
+    form: Array = np.empty(0)
+    """Diameter along the yarn over the mean, see `lines.unrolled`; empty where it does not vary enough to matter."""
 
 
 NO_YARN = YarnAxis((0.0, 0.0), 0.0, 0.0, 0.0, 0, 0.0, 0.0, 0.0, (0.0, 0.0), 0.0, 0.0)
@@ -109,7 +115,9 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
     """
     if before is not None:
         x, y = before.centre
-        axis = _measure(image, x, y, before.angle, before.diameter / 2, before.blur, before.lean, before.light)
+        axis = _measure(
+            image, x, y, before.angle, before.bend, before.diameter / 2, before.blur, before.lean, before.light
+        )
         if (
             axis.agreement >= SAME_AGREEMENT
             and abs(axis.diameter - before.diameter) <= SAME_DIAMETER * before.diameter
@@ -119,11 +127,11 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
     if min(image.shape) < SMALLEST:
         return None
     line = find_line(image)
-    axis = NO_YARN if line is None else _measure(image, *line, 1.0, 0.0, 0.0)
+    axis = NO_YARN if line is None else _measure(image, line[0], line[1], line[2], 0.0, line[3], 1.0, 0.0, 0.0)
     if axis.diameter and axis.misfit <= MAX_MISFIT:
         return axis
     for band in bands(image.astype(np.float32), BANDS):
-        other = _measure(image, *band, 1.0, 0.0, 0.0)
+        other = _measure(image, band[0], band[1], band[2], 0.0, band[3], 1.0, 0.0, 0.0)
         better = not axis.diameter or other.misfit < axis.misfit
         if other.diameter and other.agreement >= MIN_AGREEMENT and better:
             axis = other
@@ -145,19 +153,28 @@ def expected(last: YarnAxis, before: YarnAxis) -> YarnAxis:
 
 @compiled
 def _measure(
-    image: Image | Pixels, x: float, y: float, angle: float, radius: float, blur: float, lean: float, light: float
+    image: Image | Pixels,
+    x: float,
+    y: float,
+    angle: float,
+    bend: float,
+    radius: float,
+    blur: float,
+    lean: float,
+    light: float,
 ) -> YarnAxis:
     """Align a line with the yarn on it, and measure the diameter: 0 where there is no yarn.
 
     Parameters
     ----------
     image : shape (rows, columns).
-    x, y, angle, radius : a point of the line, its angle, half of the width.
+    x, y, angle, bend, radius : a point of the line, its angle, its curvature to the right, half of the width.
     blur, lean, light : where the fit starts, see `YarnAxis`.
     """
-    aligned = align(image, x, y, angle, radius)
+    aligned = align(image, x, y, angle, bend, radius)
     if not aligned.cut.length:
         return NO_YARN
+    bend = aligned.bend
     angle, shift = aligned.angle, aligned.registered.shift * aligned.cut.step
     start = np.array([shift + lean, radius, blur, light])
     start[:3] /= aligned.cut.step
@@ -169,17 +186,25 @@ def _measure(
     dark = first + (last - first) * (body.offset + half) / (2 * half)
     depth = groove(registered.profile, body.offset, body.radius)
     body = scaled(body, found.step)
-    offset, radius = body.offset, body.radius
+    # the profile was taken square to the tangent, and about a line that is straighter than the axis by the last bend
+    offset = body.offset - registered.bend * found.step**3 * length**2 / 24
+    radius = body.radius * (1 - (bend * length) ** 2 / 24)
     if 2 * radius < MIN_DIAMETER or length < MIN_ASPECT * 2 * radius or half * found.step < radius + 2:
         return NO_YARN
     x, y = found.x + offset * math.sin(angle), found.y + offset * math.cos(angle)
-    lean = offset - shift
+    lean = body.offset - shift
+    form = registered.form
+    tilt, bent = about(form, body.offset / found.step - feet(registered.profile)[0])
+    angle, bend = angle - tilt * found.step**2, bend + bent * found.step**3
     light, lamp = _lamp(body)
     if math.floor(angle / math.pi) % 2:  # the axis' direction, and with it left and right, is turned round
-        lean, light = -lean, -light
+        lean, light, bend, form = -lean, -light, -bend, form[::-1].copy()
     shade = (dark + body.ambient + lamp, dark + body.ambient)
     angle %= math.pi
-    return YarnAxis((x, y), angle, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit, depth)
+    return YarnAxis(
+        (x, y), angle, 2 * radius, body.blur, length, agreement, lean, light, shade, body.misfit, depth, bend,
+        registered.uneven, form,
+    )  # fmt: skip
 
 
 @inner
@@ -208,7 +233,7 @@ def _fit(image: Image | Pixels, aligned: Aligned, start: Array) -> tuple[Cut, Re
     -------
     The cut whose profile was fitted, what it has, and the fit, `NOT_FITTED` where none is credible.
     """
-    found, registered, _ = aligned
+    found, registered = aligned.cut, aligned.registered
     if abs(start[3]) > FRONTAL:
         body = fit_lit(registered.profile, registered.spread, start.reshape(1, 4))
         if body.radius and body.misfit <= NO_MISFIT and FRONTAL < abs(body.light) <= SIDEWAYS:
@@ -224,15 +249,15 @@ def _fit_shadow(
     image: Image | Pixels, aligned: Aligned, plain: LitProfile, start: Array
 ) -> tuple[Cut, Registered, LitProfile]:
     """Fit the profile with its shadow, if it fits, else take the one without, `plain`; see `_fit`."""
-    found, registered, angle = aligned
+    found, registered, angle, bend = aligned
     if not plain.radius or plain.misfit > NO_MISFIT or abs(plain.light) > SIDEWAYS or abs(start[3]) > SIDEWAYS:
         # much of the yarn may be dark: room for it on the side where it is, the same middle so that the offset stays
         first, last = bright_side(registered.profile)
         half = 1.3 * (last - first) + 6 / found.step
         if half > registered.profile.size // 2:
-            wider = cut(image, found.x, found.y, angle, half * found.step, 0.0)
+            wider = cut(image, found.x, found.y, angle, bend, half * found.step, 0.0)
             if wider.length:
-                found, registered = wider, register(wider.blocks)
+                found, registered = wider, register(wider.blocks, bend / wider.step**3)
     near = np.array([[plain.offset, plain.radius, plain.blur, plain.light]])
     body = (
         fit_lit(registered.profile, registered.spread, start.reshape(1, 4)) if abs(start[3]) > FRONTAL else NOT_FITTED

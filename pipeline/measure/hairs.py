@@ -35,7 +35,7 @@ def hairiness(image: Image | Pixels, axis: YarnAxis) -> float:
     c, s = math.cos(axis.angle), math.sin(axis.angle)
     crossings, seen = 0, 0
     for side in (-1.0, 1.0):
-        place = side * (radius + max(BEYOND * axis.diameter, 4 * axis.blur))
+        place = side * (radius + max(BEYOND * axis.diameter, 4 * axis.blur)) + 0.5 * axis.bend * along**2
         x = (axis.centre[0] + s * place + c * along).astype(np.float32)
         y = (axis.centre[1] + c * place - s * along).astype(np.float32)
         inside = (x >= 0) & (x <= columns - 1) & (y >= 0) & (y <= rows - 1)

@@ -5,6 +5,9 @@ pixels of all lines side by side by their distance w takes a shift by a fraction
 line: no pixel needs a place of its own. From line to line it is 1/q along the axis. Laid side by side, what is square
 to the axis leans: at w it lies w times the shear further on.
 
+Where the axis is bent, w is the distance from a parabola: its place on each line follows the bend, and square to it is
+what is square to its tangent in the middle; the error of that changes sign from one end to the other.
+
 The shift is by cubic convolution (Keys, IEEE Trans. ASSP 29, 1981): exact for quadratics, and it blurs less than linear
 interpolation does. It is symmetric, so it moves no edge.
 """
@@ -22,6 +25,8 @@ Pixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 TAPS = 4
 """Pixels that a value is interpolated from."""
+BLOCK = 8
+"""Lines of a block, over which a form is given."""
 
 
 @compiled
@@ -76,7 +81,32 @@ def _lines(x: float, y: float, angle: float, count: int) -> tuple[bool, int, int
 
 
 @inner
-def _taps(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+def _bent(bend: float, lean: float, along: float) -> float:
+    """Return how far to the right of its tangent a bent axis is where a line of the frame crosses it [px].
+
+    Parameters
+    ----------
+    bend : of the axis, to its right [1/px].
+    lean : how much further back along the tangent the line is, for each pixel to its right.
+    along : where the line crosses the tangent [px].
+    """
+    across = 0.0
+    for _ in range(3):
+        place = along - lean * across
+        across = 0.5 * bend * place * place
+    return across
+
+
+@inner
+def _form_at(form: Array, line: float) -> float:
+    """Return a form, see `unrolled`, at a line counted from the middle, by linear interpolation."""
+    place = min(max(line / BLOCK + (form.size - 1) / 2, 0.0), form.size - 1.0)
+    near = min(math.floor(place), form.size - 2)
+    return float(form[near] + (place - near) * (form[near + 1] - form[near]))
+
+
+@inner
+def taps(t: float) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Return the weights of the pixels at -1, 0, 1 and 2 for the value at t in [0, 1)."""
     u = 1 - t
     return (
@@ -116,13 +146,15 @@ def _set_line(
         last = window.size - 1
         for i in range(window.size // 2):
             window[i], window[last - i] = window[last - i], window[i]
-    a, b, c, d = _taps(side * place - before)
+    a, b, c, d = taps(side * place - before)
     for i in range(values.size):
         values[i] = a * window[i] + b * window[i + 1] + c * window[i + 2] + d * window[i + 3]
 
 
 @inner
-def _laid(frame: Image | Pixels, x: float, y: float, angle: float, half: int, count: int) -> tuple[Image, float, float]:
+def _laid(
+    frame: Image | Pixels, x: float, y: float, angle: float, bend: float, half: int, count: int
+) -> tuple[Image, float, float]:
     """Lay the lines of a frame side by side by distance from the axis, for `count` places along it about (x, y).
 
     Returns
@@ -137,20 +169,24 @@ def _laid(frame: Image | Pixels, x: float, y: float, angle: float, half: int, co
     laid = np.empty((2 * half + 1, lines), np.float32)
     window, values = np.empty(2 * half + TAPS, np.float32), np.empty(2 * half + 1, np.float32)
     for j in range(lines):
-        _set_line(frame, rows, first + step * j, place + slope * j, side, window, values)
+        middle = place + slope * j + side * _bent(bend, shear / q, begin + j / q) / q
+        _set_line(frame, rows, first + step * j, middle, side, window, values)
         for i in range(values.size):
             laid[i, j] = values[i]
     return laid, -begin * q - (count - 1) / 2, shear
 
 
 @compiled
-def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: int, count: int, block: int) -> Image:
+def block_means(
+    frame: Image | Pixels, x: float, y: float, angle: float, bend: float, half: int, count: int, block: int
+) -> Image:
     """Return the means over lengths of yarn, square to the axis to a quarter of a block, by distance from it.
 
     Parameters
     ----------
     frame : shape (rows, columns).
-    x, y, angle : a point of the axis [px] and its angle, counter-clockwise from +x as displayed.
+    x, y, angle : a point of the axis [px] and its angle there, counter-clockwise from +x as displayed.
+    bend : curvature of the axis, to its right [1/px].
     half : pixels of a line on each side of the axis.
     count : number of blocks, their middle at (x, y).
     block : lines in each, an even number.
@@ -159,7 +195,8 @@ def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: i
     -------
     Shape (count, 2 half + 1), columns to the right of the axis and `step_across` apart.
     """
-    size, part, lean = 2 * half + 1, block // 2, _shear(angle) * step_across(angle)
+    shear, q = _shear(angle), step_across(angle)
+    size, part, lean = 2 * half + 1, block // 2, shear * q
     # halves of blocks first, which all pixels of a line belong to, then blocks of those that lie square to the axis
     halves = 2 * count + 2 * math.ceil(half * abs(lean) / part) + 2
     rows, first, step, side, place, slope, begin = _lines(x, y, angle, part * halves)
@@ -171,10 +208,11 @@ def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: i
     for k in range(halves):
         total = sums[k]
         for j in range(part * k, part * (k + 1)):
-            _set_line(frame, rows, first + step * j, place + slope * j, side, window, values)
+            middle = place + slope * j + side * _bent(bend, shear / q, begin + j / q) / q
+            _set_line(frame, rows, first + step * j, middle, side, window, values)
             for i in range(size):
                 total[i] += values[i]
-    start = -begin * step_across(angle) - (count * block - 1) / 2  # the line that the first block begins with
+    start = -begin * q - (count * block - 1) / 2  # the line that the first block begins with
     means = np.empty((count, size), np.float32)
     for i in range(size):
         one = round((start + (i - half) * lean) / part)
@@ -184,12 +222,16 @@ def block_means(frame: Image | Pixels, x: float, y: float, angle: float, half: i
 
 
 @compiled
-def unrolled(frame: Image | Pixels, x: float, y: float, angle: float, across: Array, count: int) -> Image:
+def unrolled(
+    frame: Image | Pixels, x: float, y: float, angle: float, bend: float, form: Array, across: Array, count: int
+) -> Image:
     """Return the frame's level at distances from the axis, square to it.
 
     Parameters
     ----------
-    frame, x, y, angle : see `block_means`.
+    frame, x, y, angle, bend : see `block_means`.
+    form : the yarn's width over the mean, of which distances from the axis are a share, on blocks of `BLOCK` lines side
+        by side, their middle at (x, y), shape (blocks,); empty where it does not vary.
     across : distances from the axis, to its right [px], shape (n,).
     count : places along the axis, 1/`step_across` apart, their middle at (x, y).
 
@@ -198,19 +240,28 @@ def unrolled(frame: Image | Pixels, x: float, y: float, angle: float, across: Ar
     Shape (n, count).
     """
     q = step_across(angle)
-    half = math.ceil(np.max(np.abs(across)) / q) + TAPS
-    laid, start, shear = _laid(frame, x, y, angle, half, count)
+    widest = np.max(form) if form.size else 1.0
+    half = math.ceil(np.max(np.abs(across)) * widest / q) + TAPS
+    laid, start, shear = _laid(frame, x, y, angle, bend, half, count)
     surface, mixed = np.empty((across.size, count), np.float32), np.empty(laid.shape[1], np.float32)
     for k in range(across.size):
-        place = across[k] / q + half
-        near = math.floor(place)
-        a, b, c, d = _taps(place - near)
-        first, second, third, fourth = laid[near - 1], laid[near], laid[near + 1], laid[near + 2]
-        for j in range(mixed.size):
-            mixed[j] = a * first[j] + b * second[j] + c * third[j] + d * fourth[j]
+        if form.size:
+            before = start + (count - 1) / 2 + across[k] * shear
+            for j in range(mixed.size):
+                place = across[k] * _form_at(form, j - before) / q + half
+                near = math.floor(place)
+                a, b, c, d = taps(place - near)
+                mixed[j] = a * laid[near - 1, j] + b * laid[near, j] + c * laid[near + 1, j] + d * laid[near + 2, j]
+        else:
+            place = across[k] / q + half
+            near = math.floor(place)
+            a, b, c, d = taps(place - near)
+            first, second, third, fourth = laid[near - 1], laid[near], laid[near + 1], laid[near + 2]
+            for j in range(mixed.size):
+                mixed[j] = a * first[j] + b * second[j] + c * third[j] + d * fourth[j]
         place = start + across[k] * shear
         near = math.floor(place)
-        a, b, c, d = _taps(place - near)
+        a, b, c, d = taps(place - near)
         source, target = mixed[near - 1 :], surface[k]
         for j in range(count):
             target[j] = a * source[j] + b * source[j + 1] + c * source[j + 2] + d * source[j + 3]
@@ -218,16 +269,19 @@ def unrolled(frame: Image | Pixels, x: float, y: float, angle: float, across: Ar
 
 
 @compiled
-def share_above(frame: Pixels, x: float, y: float, angle: float, radius: float, length: float, level: int) -> float:
+def share_above(
+    frame: Pixels, x: float, y: float, angle: float, bend: float, radius: float, length: float, level: int
+) -> float:
     """Return the share of the pixels within a radius of the axis, over a length of it, that reach a level."""
     q = step_across(angle)
     count, half = max(1, math.floor(length * q)), radius / q
-    rows, first, step, _, place, slope, _ = _lines(x, y, angle, count)
+    rows, first, step, side, place, slope, begin = _lines(x, y, angle, count)
+    lean = _shear(angle) / q
     far = frame.shape[1] if rows else frame.shape[0]
     above, seen = 0, 0
     for j in range(count):
         line = min(max(first + step * j, 0), (frame.shape[0] if rows else frame.shape[1]) - 1)
-        middle = place + slope * j
+        middle = place + slope * j + side * _bent(bend, lean, begin + j / q) / q
         low, high = max(0, math.ceil(middle - half)), min(far, math.floor(middle + half) + 1)
         seen += max(0, high - low)
         if rows:

@@ -23,6 +23,8 @@ SETTLED = 0.02
 """Last step of the profile's fit [px, and in the logarithm of the blur]; the next would be some ten times smaller."""
 INNER = 0.5
 """Share of the radius inside of which the profile says nothing of the edges and is left out of the fit."""
+FOOT = 0.3
+"""Height of a foot over that of the profile."""
 INSIDE = 0.8
 """Share of the radius inside of which a body's edges do not show."""
 FINE = 0.9
@@ -61,6 +63,30 @@ def middle(profile: Array) -> float:
         first -= (height[i] - 1) / (height[i] - height[i - 1])
         last += (height[j] - 1) / (height[j] - height[j + 1])
     return (first + last - (profile.size - 1)) / 2
+
+
+@inner
+def feet(profile: Array) -> tuple[float, float]:
+    """Return half way between a body's feet, from the middle row, and half of what is between them [rows].
+
+    A foot is where the profile has risen to `FOOT` of its height above the ground on that side: low, so that an edge in
+    the shade, or beside a face that shines, is one.
+
+    Parameters
+    ----------
+    profile : shape (2h + 1,), not flat.
+    """
+    places = np.empty(2)
+    for side in range(2):
+        rows = profile if side == 0 else profile[::-1]
+        height = np.abs(rows - rows[:3].mean())
+        limit = FOOT * height.max()
+        at = 1
+        while at < rows.size - 1 and height[at] < limit:
+            at += 1
+        places[side] = at - min(max((height[at] - limit) / max(height[at] - height[at - 1], 1e-9), 0.0), 1.0)
+    first, last = places[0], profile.size - 1 - places[1]
+    return (first + last - (profile.size - 1)) / 2, (last - first) / 2
 
 
 @inner

@@ -158,7 +158,8 @@ def unroll(image: Image | Pixels, axis: YarnAxis) -> Image:
     seen = bright >= min(DARKEST * bright.max(), bright.max())
     across = places_of(gamma[seen], radius, axis.blur, axis.light, axis.shade)
     count = max(1, math.floor(axis.length * step_across(axis.angle)))
-    texture = unrolled(image, axis.centre[0], axis.centre[1], axis.angle, across, count)
+    x, y = axis.centre
+    texture = unrolled(image, x, y, axis.angle, axis.bend, axis.form, across, count)
     _flatten(texture)
     return texture
 

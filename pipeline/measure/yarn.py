@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
+from pipeline.measure.align import ALIGNED
 from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
@@ -145,7 +146,7 @@ class _Clip:
 
     def __init__(self, n: int):
         self.angle, self.twist, self.u_twist, self.diameter = (np.full(n, np.nan) for _ in range(4))
-        self.hairs, self.turn = np.full(n, np.nan), np.full(n, np.nan)
+        self.hairs, self.turn, self.sagitta, self.uneven = (np.full(n, np.nan) for _ in range(4))
         self.centre = np.full((n, 2), np.nan)
         self.confidence, self.flag = np.zeros(n), np.zeros(n, np.uint16)
         self.reasons, self.doubts = Counter[str](), Counter[str]()
@@ -162,6 +163,7 @@ class _Clip:
         axis = found.axis
         self.centre[i], self.angle[i], self.twist[i] = axis.centre, axis.angle, found.twist.per_pixel
         self.u_twist[i], self.hairs[i], self.turn[i] = found.twist.u, found.hairs, found.turn
+        self.sagitta[i] = _sagitta(axis)
         if found.face is not None:
             self.faces.append(found.face)
         if found.strands is not None:
@@ -169,7 +171,7 @@ class _Clip:
         if found.doubt:
             self.doubts[found.doubt] += 1
         else:
-            self.diameter[i] = axis.diameter
+            self.diameter[i], self.uneven[i] = axis.diameter, axis.uneven
             self.misfits.append(axis.misfit)
         self.confidence[i] = axis.agreement * (0.5 + 0.5 * min(1.0, found.twist.coherence) * (not found.twist.reason))
         if found.twist.reason:
@@ -285,6 +287,8 @@ def measure_yarn(
         # a yarn along e_z is seen as such, and is off by the tilt itself
         terms = {"method": METHOD_U_ANGLE, "axis": cylinder_axis.u, "tilt": min(foreshortened * cotangent, u_tilt)}
         summary["theta_B"] = _mean(_unwrapped(theta), kept, terms)
+    uneven = "along the yarn in view; of even yarn 1 to 3 % by texture"
+    summary["unevenness"] = mean_estimate(found.uneven, reason=uneven)
     summary["hairiness"] = mean_estimate(hairs, reason="crossings beside the yarn: not a standard's hairiness")
     rotation = _rotation(video.time, turn, angle, e_z)
     summary["helix_rotation"] = _mean_rotation(rotation, video.rate)
@@ -305,6 +309,8 @@ def measure_yarn(
         centre=centre,
         hairiness=hairs,
         helix_rotation=rotation,
+        sagitta=found.sagitta * scale.metres_per_pixel,
+        unevenness=found.uneven,
         reason=_reason(video, scale, flag, reasons, found.doubts),
         thumbnails=tuple(
             _thumbnail(i, image, video.shape, centre[i], angle[i], diameter[i] / scale.metres_per_pixel, twist[i])
@@ -335,6 +341,7 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
         ("axis_angle", "axis_angle_deg", math.degrees(1)),
         ("twist", "twist_tpm", 1.0),
         ("diameter", "diameter_mm", 1e3),
+        ("unevenness", "diameter_cv_along_yarn_percent", 100.0),
         ("hairiness", "hairiness_per_m", 1.0),
         ("helix_rotation", "helix_rotation_per_s", 1.0),
         ("rotation", "rotation_per_s", 1.0),
@@ -358,6 +365,8 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
         "axis_angle_deg": _numbers(np.degrees(measurement.axis_angle)),
         "twist_tpm": _numbers(measurement.twist),
         "diameter_mm": _numbers(measurement.diameter * 1e3),
+        "sagitta_mm": _numbers(measurement.sagitta * 1e3),
+        "diameter_cv_along_yarn_percent": _numbers(measurement.unevenness * 100),
         "hairiness_per_m": _numbers(measurement.hairiness),
         "helix_rotation_per_s": _numbers(measurement.helix_rotation),
         "confidence": _numbers(measurement.confidence),
@@ -431,6 +440,11 @@ def _looked_at(n: int) -> NDArray[np.bool_]:
     return chosen & (np.arange(n) % CHUNK < CHUNK - 1) & (np.arange(n) < n - 1)
 
 
+def _sagitta(axis: YarnAxis) -> float:
+    """Return the sagitta of an axis over the length in view, to its right [px]."""
+    return axis.bend * axis.length**2 / 8
+
+
 def _yarn(image: Pixels, axis: YarnAxis, method: str, plies: int, before: Picture | None) -> YarnFound:
     """Measure the yarn on an axis; `before` is the picture of a plied yarn in the frame before."""
     if method == "ply":
@@ -489,6 +503,8 @@ def _measure_chunk(
             continue
         axis, twist, doubt = yarn.axis, yarn.twist, yarn.doubt
         flag = FrameFlag.TWIST_NOT_CREDIBLE if twist.reason else FrameFlag(0)
+        if abs(_sagitta(axis)) > ALIGNED:
+            flag |= FrameFlag.BENT
         if doubt:
             flag |= FrameFlag.DIAMETER_NOT_CREDIBLE
         if _saturated(frame, axis, bits):
@@ -544,7 +560,7 @@ def _yarn_rotation(helix: Estimate, twist: Estimate, speed: float) -> Estimate:
 
 def _saturated(frame: Pixels, axis: YarnAxis, bits: int) -> bool:
     """Say whether more than `SATURATED_SHARE` of the yarn's pixels are at full scale."""
-    share = share_above(frame, *axis.centre, axis.angle, axis.diameter / 2, axis.length, 2**bits - 1)
+    share = share_above(frame, *axis.centre, axis.angle, axis.bend, axis.diameter / 2, axis.length, 2**bits - 1)
     return share > SATURATED_SHARE
 
 
@@ -593,6 +609,7 @@ def _reason(
         (FrameFlag.UNREADABLE, "cannot be read"),
         (FrameFlag.NO_YARN, "show no yarn whose axis could be found"),
         (FrameFlag.SATURATED, "are saturated on the yarn"),
+        (FrameFlag.BENT, "show a bent yarn: its angle is that of the tangent in the middle of the length in view"),
         (FrameFlag.OUTLIER, "are outliers and do not enter the means"),
     ):
         count = int(np.count_nonzero(flag & bit))

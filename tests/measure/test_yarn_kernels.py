@@ -46,7 +46,7 @@ def test_a_strip_of_a_frame_of_integers_is_that_of_the_whole_frame_in_floating_p
 def test_frames_of_integers_and_of_floats_give_the_same_numbers(frame):
     floats = frame.astype(np.float32)
     found = find_axis(frame)
-    assert found == find_axis(floats)
+    np.testing.assert_equal(found, find_axis(floats))
     assert surface_twist(frame, found) == surface_twist(floats, found)
     assert math.isfinite(surface_twist(frame, found).per_pixel)
 
@@ -94,8 +94,8 @@ def test_the_spline_s_coefficients_are_scipy_s():
 @pytest.mark.parametrize("count", [4, 5, 17, 30, 32])
 def test_blocks_give_profile_and_spread_as_percentiles_do(frame, count):
     found = find_axis(frame)
-    blocks = block_means(frame, *found.centre, found.angle, 24, count, 8)
-    profile, spread, *_ = register(blocks)
+    blocks = block_means(frame, *found.centre, found.angle, 0.0, 24, count, 8)
+    profile, spread, *_ = register(blocks, 0.0)
     quarter = count // 4
     ordered = np.sort(blocks.astype(float), axis=0)[quarter : count - quarter]
     np.testing.assert_allclose(profile, ordered.mean(axis=0), rtol=1e-12)
@@ -120,7 +120,7 @@ def test_lines_of_a_frame_give_the_surface_square_to_the_axis(degrees):
     image, centre, angle = level(columns, rows).astype(np.float32), (200.3, 127.8), math.radians(degrees)
     across, count = np.array([-12.3, -5.0, 0.0, 3.3, 14.2]), 101
     along = (np.arange(count) - (count - 1) / 2) / step_across(angle)
-    found = unrolled(image, *centre, angle, across, count)
+    found = unrolled(image, *centre, angle, 0.0, np.empty(0), across, count)
     np.testing.assert_allclose(found, level(*place(centre, angle, across, along)), atol=2e-3)
 
 
@@ -130,7 +130,7 @@ def test_blocks_are_means_square_to_the_axis(degrees):
     rows, columns = np.indices(SHAPE)
     image, centre, angle = (3.0 * columns + 2.0 * rows).astype(np.float32), (200.3, 127.8), math.radians(degrees)
     step = step_across(angle)
-    found = block_means(image, *centre, angle, 14, 9, 8)
+    found = block_means(image, *centre, angle, 0.0, 14, 9, 8)
     x, y = place(centre, angle, (np.arange(29) - 14) * step, (np.arange(9) - 4) * 8 / step)
     along = abs(3 * math.cos(angle) - 2 * math.sin(angle)) / step
     np.testing.assert_allclose(found.T, 3 * x + 2 * y, atol=2.01 * along + 1e-3)
@@ -143,8 +143,8 @@ def test_the_share_of_bright_pixels_is_that_of_the_band(degrees):
     angle = math.radians(degrees)
     right = (columns - 200) * math.sin(angle) + (rows - 128) * math.cos(angle)
     image = np.where(right > 0, 4095, 4094).astype(np.uint16)
-    assert share_above(image, 200.0, 128.0, angle, 10.0, 150.0, 4095) == pytest.approx(0.5, abs=0.03)
-    assert share_above(image, 200.0, 128.0, angle, 10.0, 150.0, 4096) == 0
+    assert share_above(image, 200.0, 128.0, angle, 0.0, 10.0, 150.0, 4095) == pytest.approx(0.5, abs=0.03)
+    assert share_above(image, 200.0, 128.0, angle, 0.0, 10.0, 150.0, 4096) == 0
 
 
 def test_a_strip_s_pixels_are_where_they_should_be_within_a_hundredth_of_a_pixel():

@@ -206,10 +206,12 @@ def test_json_has_the_contract_s_keys_and_no_nan():
     document = measure_json(measured([*images, None], 32))
     assert set(document) == {
         "frames", "fps", "time_s", "axis_angle_deg", "twist_tpm", "diameter_mm", "confidence", "flag", "summary",
-        "method", "handedness", "reason", "hairiness_per_m", "helix_rotation_per_s",
+        "method", "handedness", "reason", "hairiness_per_m", "helix_rotation_per_s", "sagitta_mm",
+        "diameter_cv_along_yarn_percent",
     }  # fmt: skip
     assert set(document["summary"]) == {
         "theta_B_deg", "axis_angle_deg", "twist_tpm", "diameter_mm", "hairiness_per_m", "helix_rotation_per_s",
+        "diameter_cv_along_yarn_percent",
     }  # fmt: skip
     twist = document["summary"]["twist_tpm"]
     assert set(twist) == {"mean", "cv_percent", "n", "n_eff", "u", "u_terms", "reason"}
