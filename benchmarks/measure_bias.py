@@ -69,6 +69,13 @@ class Yarn:
     """Relative amplitude of the twist's variation along the yarn, over 10 diameters."""
     dark: float = 0.06
     """Level of the background."""
+    thick: float = 0.0
+    """Relative amplitude of the diameter's variation along the yarn, over 8 diameters."""
+    sagitta: float = 0.0
+    """Of the axis over 300 px [px]. Its angle is that of the tangent in the middle of the view, which lies up to some
+    pixels from where the renderer's is."""
+    gloss: float = 0.0
+    """Level of a shining band 0.3 rad wide (standard deviation) over the yarn's."""
 
 
 AXES: Mapping[str, tuple[str, tuple[float, ...]]] = {
@@ -87,6 +94,9 @@ AXES: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "quality": ("JPEG quality, 8 bits", (20, 40, 70, 95)),
     "second": ("level of a second thing", (0, 0.1, 0.2, 0.4)),
     "variation": ("twist variation (relative)", (0, 0.05, 0.1, 0.2)),
+    "thick": ("diameter variation (relative)", (0, 0.05, 0.1, 0.2)),
+    "sagitta": ("sagitta over 300 px (px)", (0, 2, 5, 10)),
+    "gloss": ("shining band (relative)", (0, 0.1, 0.2, 0.4)),
 }
 
 
@@ -113,6 +123,7 @@ def exposed(yarn: Yarn, material: Material, rng: np.random.Generator, angle: flo
         uneven=(yarn.uneven, -yarn.uneven * 2 / 3),
         light_angle=yarn.light,
         read_noise=0.5 * FULL_SCALE / yarn.snr,
+        gloss=(yarn.gloss, 0.3),
     )
     frame = render_frame(
         material,
@@ -126,6 +137,7 @@ def exposed(yarn: Yarn, material: Material, rng: np.random.Generator, angle: flo
         travel=rng.uniform(0, 100) * yarn.diameter,
         tilt=math.radians(yarn.tilt),
         exposure=math.radians(yarn.rotation),
+        bend=8 * yarn.sagitta / 300**2,
         backdrop=bar(math.radians(angle + 50), 20, yarn.diameter / 2, yarn.second, lit=True) if yarn.second else None,
         optics=optics,
     )
@@ -136,7 +148,7 @@ def errors(yarn: Yarn, seed: int) -> dict[str, NDArray[np.float64]]:
     """Errors of one clip's frames: angle [°], diameter and twist [%], shape (FRAMES,)."""
     rng = np.random.default_rng([seed, 7])
     material = Material.draw(rng, fibre_length=0.5 * math.pi / abs(yarn.beta), hairs_per_diameter=yarn.hairs)
-    material = replace(material, variation=(yarn.variation, 10.0))
+    material = replace(material, variation=(yarn.variation, 10.0), thickness=(yarn.thick, 8.0))
     start = rng.uniform(0, 180) if math.isnan(yarn.angle) else yarn.angle
     angles = start + (np.linspace(0, 180, FRAMES, endpoint=False) if math.isnan(yarn.angle) else np.zeros(FRAMES))
     images = [exposed(yarn, material, rng, angle) for angle in angles.tolist()]
