@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import inner
+from models.compiled import borrowing, inner
 from models.winding.rod import Rod
 
 Array = NDArray[np.float64]
@@ -76,6 +76,10 @@ class Pairs(NamedTuple):
     """1 while sliding."""
     stiffness: Array
     """In the last step [N/m]; 0 where another pair has the contact."""
+    gap: Array
+    """Distance of the centre lines in the last step [m]."""
+    sine: Array
+    """Of the angle of the two elements in the last step; 0 side by side."""
     ux: Array
     """Stretch of the friction spring, bobbin's frame [m]."""
     uy: Array
@@ -89,7 +93,7 @@ def new_grip(room: int) -> Grip:
 
 def new_pairs(room: int) -> Pairs:
     """Room for pairs."""
-    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(5)))
+    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(7)))
 
 
 @inner
@@ -260,9 +264,9 @@ def find_pairs(
     """
     first_old = np.zeros(n + 1, np.int64)
     for q in range(count):
-        for a, b in ((pairs.ux, spare.ux), (pairs.uy, spare.uy), (pairs.uz, spare.uz)):
-            b[q] = a[q]
         spare.second[q], spare.slides[q], spare.stiffness[q] = pairs.second[q], pairs.slides[q], pairs.stiffness[q]
+        spare.gap[q], spare.sine[q] = pairs.gap[q], pairs.sine[q]
+        spare.ux[q], spare.uy[q], spare.uz[q] = pairs.ux[q], pairs.uy[q], pairs.uz[q]
         if pairs.first[q] < n:
             first_old[pairs.first[q] + 1] += 1
     for i in range(n):
@@ -300,10 +304,12 @@ def find_pairs(
                                 return -1
                             pairs.first[found], pairs.second[found] = i, j
                             pairs.slides[found], pairs.stiffness[found] = 0.0, 0.0
+                            pairs.gap[found], pairs.sine[found] = 0.0, 0.0
                             pairs.ux[found], pairs.uy[found], pairs.uz[found] = 0.0, 0.0, 0.0
                             for q in range(first_old[i], first_old[i + 1]):
                                 if spare.second[q] == j:
                                     pairs.slides[found], pairs.stiffness[found] = spare.slides[q], spare.stiffness[q]
+                                    pairs.gap[found], pairs.sine[found] = spare.gap[q], spare.sine[q]
                                     pairs.ux[found], pairs.uy[found], pairs.uz[found] = (
                                         spare.ux[q],
                                         spare.uy[q],
@@ -314,6 +320,46 @@ def find_pairs(
         following[i] = head[column * rows + row]
         head[column * rows + row] = i
     return found
+
+
+@borrowing
+def _rub(
+    pairs: Pairs,
+    q: int,
+    c: Crossing,
+    push: float,
+    sx: float,
+    sy: float,
+    sz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    cosine: float,
+    sine: float,
+) -> tuple[float, float, float, float]:
+    """Stretch the friction spring of pair q by (sx, sy, sz) [m] along the surface with the normal (nx, ny, nz), and let
+    it slide where `push` [N] does not hold it.
+
+    Returns
+    -------
+    Its stretch, in the lab's frame [m], and what sliding has lost [J]: the mean of the forces before and after the step
+    times the way slid, which is what the time stepping does.
+    """
+    stiffness = pairs.stiffness[q]
+    ax, ay, az = cosine * pairs.ux[q] + sine * pairs.uy[q], cosine * pairs.uy[q] - sine * pairs.ux[q], pairs.uz[q]
+    ux, uy, uz = ax + sx, ay + sy, az + sz
+    off = ux * nx + uy * ny + uz * nz
+    ux, uy, uz = ux - off * nx, uy - off * ny, uz - off * nz
+    size = math.sqrt(ux * ux + uy * uy + uz * uz)
+    limit = c.dynamic if pairs.slides[q] > 0.0 else c.static
+    pairs.slides[q] = 0.0
+    if stiffness * size > limit * push:
+        kept = c.dynamic * push / (stiffness * size)
+        ux, uy, uz = kept * ux, kept * uy, kept * uz
+        pairs.slides[q] = 1.0
+    pairs.ux[q], pairs.uy[q], pairs.uz[q] = cosine * ux - sine * uy, sine * ux + cosine * uy, uz
+    lost = (ax + ux) * (ax + sx - ux) + (ay + uy) * (ay + sy - uy) + (az + uz) * (az + sz - uz)
+    return ux, uy, uz, stiffness / 2 * lost
 
 
 @inner
@@ -328,13 +374,15 @@ def pair_contact(
     [J], energy stored [J], deepest approach [m].
     Friction acts at the surfaces, a diameter apart on the two centre lines: its couple, which these cannot bear, is
     borne by the frame that turns with the bobbin. Handed on is what the springs of contacts that pass between elements,
-    or change their angle, lose at once.
+    change their angle or come to lie side by side lose at once.
     """
     power, damped, rubbed, handed, stored, deepest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for q in range(count):
         i, j = int(pairs.first[q]), int(pairs.second[q])
         s, t, share, angle, gap, nx, ny, nz = _approach(rod, i, j)
         depth = c.diameter - gap
+        sine_before, gap_before = pairs.sine[q], pairs.gap[q]
+        pairs.sine[q], pairs.gap[q] = angle, gap
         force, energy = hardening(max(depth, 0.0) / c.diameter)
         strained = pairs.ux[q] ** 2 + pairs.uy[q] ** 2 + pairs.uz[q] ** 2
         strained = c.diameter * c.diameter * energy + strained / 2
@@ -348,7 +396,8 @@ def pair_contact(
         if angle * c.element > c.diameter:
             contact = c.diameter / angle
         stiffness = share * c.surface / 2 * contact
-        handed += (pairs.stiffness[q] - stiffness) * strained
+        before = pairs.stiffness[q]
+        handed += (before - stiffness) * strained
         pairs.stiffness[q] = stiffness
         i0, i1, j0, j1 = 1 - s, s, 1 - t, t
         wx = i0 * rod.vx[i] + i1 * rod.vx[i + 1] - j0 * rod.vx[j] - j1 * rod.vx[j + 1] - spin * gap * ny
@@ -356,22 +405,14 @@ def pair_contact(
         wz = i0 * rod.vz[i] + i1 * rod.vz[i + 1] - j0 * rod.vz[j] - j1 * rod.vz[j + 1]
         out = wx * nx + wy * ny + wz * nz
         wx, wy, wz = wx - out * nx, wy - out * ny, wz - out * nz
+        if before > 0.0 and (angle > 0.0) != (sine_before > 0.0):
+            # Another place on the elements counts from now on: the distance changed by more than they moved.
+            moved = max(c.diameter - gap_before - dt * out, 0.0)
+            handed += stiffness * c.diameter * c.diameter * (hardening(moved / c.diameter)[1] - energy)
         spring = stiffness * c.diameter * force
         push = max(spring - 2 * c.damping * math.sqrt(stiffness * c.mass) * out, 0.0)
-        ux = cosine * pairs.ux[q] + sine * pairs.uy[q] + dt * wx
-        uy = cosine * pairs.uy[q] - sine * pairs.ux[q] + dt * wy
-        uz = pairs.uz[q] + dt * wz
-        off = ux * nx + uy * ny + uz * nz
-        ux, uy, uz = ux - off * nx, uy - off * ny, uz - off * nz
-        size = math.sqrt(ux * ux + uy * uy + uz * uz)
-        limit = c.dynamic if pairs.slides[q] > 0.0 else c.static
-        pairs.slides[q] = 0.0
-        if stiffness * size > limit * push:
-            kept = c.dynamic * push / (stiffness * size)
-            rubbed += stiffness / 2 * size * size * (1 - kept * kept)
-            ux, uy, uz, size = kept * ux, kept * uy, kept * uz, kept * size
-            pairs.slides[q] = 1.0
-        pairs.ux[q], pairs.uy[q], pairs.uz[q] = cosine * ux - sine * uy, sine * ux + cosine * uy, uz
+        ux, uy, uz, lost = _rub(pairs, q, c, push, dt * wx, dt * wy, dt * wz, nx, ny, nz, cosine, sine)
+        rubbed += lost
         fx, fy, fz = push * nx - stiffness * ux, push * ny - stiffness * uy, push * nz - stiffness * uz
         for node, part in ((i, i0), (i + 1, i1), (j, -j0), (j + 1, -j1)):
             rod.fx[node] += part * fx
@@ -379,6 +420,6 @@ def pair_contact(
             rod.fz[node] += part * fz
         power += spin * gap * (fx * ny - fy * nx)
         damped -= (push - spring) * out
-        stored += stiffness * (c.diameter * c.diameter * energy + size * size / 2)
+        stored += stiffness * (c.diameter * c.diameter * energy + (ux * ux + uy * uy + uz * uz) / 2)
         deepest = max(deepest, depth)
     return power, damped, rubbed, handed, stored, deepest
