@@ -1,11 +1,11 @@
-"""Energy of yarn on yarn: what friction rubs away, and what a contact loses whose nearest points jump."""
+"""Energy of contacts: what friction and dashpots take, and what a contact loses whose nearest points jump."""
 
 import math
 
 import numpy as np
 import pytest
 
-from models.winding.contact import Crossing, Pairs, new_pairs, pair_contact
+from models.winding.contact import Bobbin, Crossing, Pairs, bobbin_contact, new_grip, new_pairs, pair_contact
 from models.winding.rod import Rod, new_rod
 
 YARN = Crossing(diameter=0.42e-3, surface=2.4e7, element=2e-3, mass=2.6e-7, damping=0.0, static=0.3, dynamic=0.25)
@@ -69,3 +69,34 @@ def test_yarn_that_comes_to_lie_side_by_side_hands_its_energy_on():
         stored.append(now)
     assert abs(stored[1] - stored[0]) > 0.05 * stored[0]
     assert handed == pytest.approx(stored[0] - stored[1], rel=1e-6)
+
+
+RATES = np.array([0.03, -0.02, 0.01, 0.015, -0.005])
+"""Velocities before each step [m/s]."""
+
+
+def test_a_dashpot_takes_its_force_times_the_mean_of_the_velocities_before_and_after():
+    rod, pairs = pair()
+    yarn = YARN._replace(damping=0.01)
+    place(rod, LOWER, (0.0, 0.0, 0.0), 0.0)
+    place(rod, UPPER, (0.0, 0.0, 0.9 * YARN.diameter), math.pi / 2)
+    taken = []
+    for rate in RATES:
+        rod.vz[UPPER : UPPER + 2] = rate
+        taken.append(pair_contact(rod, pairs, 1, yarn, 1.0, 0.0, 0.0, 1e-6)[1])
+    damping = 2 * yarn.damping * math.sqrt(YARN.surface / 2 * YARN.diameter * YARN.mass)
+    between = damping * RATES[:-1] * (RATES[:-1] + RATES[1:]) / 2
+    last = damping * RATES[-1] ** 2 / 2  # the other half is entered with the next step
+    assert sum(taken) == pytest.approx(between.sum() + last, rel=1e-9)
+
+
+def test_the_bobbins_dashpots_take_their_force_times_the_mean_velocity_too():
+    rod, grip = new_rod(3, 1), new_grip(3)
+    bobbin = Bobbin(radius=0.03, taper=0.0, stiffness=5e4, damping=0.01, grip=7e4, grip_damping=0.02)
+    rod.y[1] = bobbin.radius - 1e-5
+    taken = []
+    for rate in RATES:
+        rod.vx[1], rod.vy[1] = rate, rate / 2
+        taken.append(bobbin_contact(rod, grip, bobbin, 2, 1.0, 0.0, 0.0)[1])
+    squares = np.array([RATES[:-1] * (RATES[:-1] + RATES[1:]) / 2]).sum() + RATES[-1] ** 2 / 2
+    assert sum(taken) == pytest.approx((bobbin.grip_damping + bobbin.damping / 4) * squares, rel=1e-9)
