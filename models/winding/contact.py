@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import inner
+from models.compiled import borrowing, inner
 from models.winding.rod import Rod
 
 Array = NDArray[np.float64]
@@ -49,6 +49,10 @@ class Grip(NamedTuple):
     x: Array
     y: Array
     z: Array
+    damped_x: Array
+    """Force of the dashpots on a gripped node in the last step, lab's frame [N]."""
+    damped_y: Array
+    damped_z: Array
 
 
 class Crossing(NamedTuple):
@@ -76,6 +80,10 @@ class Pairs(NamedTuple):
     """1 while sliding."""
     stiffness: Array
     """In the last step [N/m]; 0 where another pair has the contact."""
+    gap: Array
+    """Distance of the centre lines in the last step with contact [m]."""
+    damped: Array
+    """Force of the dashpot in the last step, outwards [N]; 0 without contact."""
     ux: Array
     """Stretch of the friction spring, bobbin's frame [m]."""
     uy: Array
@@ -84,12 +92,12 @@ class Pairs(NamedTuple):
 
 def new_grip(room: int) -> Grip:
     """No node gripped."""
-    return Grip(np.zeros(room, np.int64), np.zeros(room), np.zeros(room), np.zeros(room))
+    return Grip(np.zeros(room, np.int64), *(np.zeros(room) for _ in range(6)))
 
 
 def new_pairs(room: int) -> Pairs:
     """Room for pairs."""
-    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(5)))
+    return Pairs(np.zeros(room, np.int64), np.zeros(room, np.int64), *(np.zeros(room) for _ in range(7)))
 
 
 @inner
@@ -108,6 +116,10 @@ def bobbin_contact(
         x, y, z = rod.x[i], rod.y[i], rod.z[i]
         reach = b.radius + b.taper * z
         square = x * x + y * y
+        wx, wy, wz = rod.vx[i] - spin * y, rod.vy[i] + spin * x, rod.vz[i]
+        if grip.held[i] == 1:
+            # As for yarn on yarn below: half of it was entered with the old velocity.
+            lost -= (grip.damped_x[i] * wx + grip.damped_y[i] * wy + grip.damped_z[i] * wz) / 2
         if square >= reach * reach:
             if grip.held[i] == 1:
                 ex = x - cosine * grip.x[i] - sine * grip.y[i]
@@ -125,7 +137,6 @@ def bobbin_contact(
         ex, ey, ez = x - ax, y - ay, z - grip.z[i]
         out = ex * nx + ey * ny + ez * nz
         ex, ey, ez = ex - out * nx, ey - out * ny, ez - out * nz
-        wx, wy, wz = rod.vx[i] - spin * y, rod.vy[i] + spin * x, rod.vz[i]
         out = wx * nx + wy * ny + wz * nz
         wx, wy, wz = wx - out * nx, wy - out * ny, wz - out * nz
         push = max(b.stiffness * depth - b.damping * out, 0.0)
@@ -136,7 +147,11 @@ def bobbin_contact(
         rod.fy[i] += fy
         rod.fz[i] += fz
         power += spin * (fx * y - fy * x)
-        lost += b.grip_damping * (wx * wx + wy * wy + wz * wz) - (push - b.stiffness * depth) * out
+        damped = push - b.stiffness * depth
+        lost += (b.grip_damping * (wx * wx + wy * wy + wz * wz) - damped * out) / 2
+        grip.damped_x[i] = damped * nx - b.grip_damping * wx
+        grip.damped_y[i] = damped * ny - b.grip_damping * wy
+        grip.damped_z[i] = damped * nz - b.grip_damping * wz
         stored += b.stiffness * depth * depth + b.grip * (ex * ex + ey * ey + ez * ez)
     return power, lost, released, stored / 2
 
@@ -260,9 +275,9 @@ def find_pairs(
     """
     first_old = np.zeros(n + 1, np.int64)
     for q in range(count):
-        for a, b in ((pairs.ux, spare.ux), (pairs.uy, spare.uy), (pairs.uz, spare.uz)):
-            b[q] = a[q]
         spare.second[q], spare.slides[q], spare.stiffness[q] = pairs.second[q], pairs.slides[q], pairs.stiffness[q]
+        spare.gap[q], spare.damped[q] = pairs.gap[q], pairs.damped[q]
+        spare.ux[q], spare.uy[q], spare.uz[q] = pairs.ux[q], pairs.uy[q], pairs.uz[q]
         if pairs.first[q] < n:
             first_old[pairs.first[q] + 1] += 1
     for i in range(n):
@@ -300,10 +315,12 @@ def find_pairs(
                                 return -1
                             pairs.first[found], pairs.second[found] = i, j
                             pairs.slides[found], pairs.stiffness[found] = 0.0, 0.0
+                            pairs.gap[found], pairs.damped[found] = 0.0, 0.0
                             pairs.ux[found], pairs.uy[found], pairs.uz[found] = 0.0, 0.0, 0.0
                             for q in range(first_old[i], first_old[i + 1]):
                                 if spare.second[q] == j:
                                     pairs.slides[found], pairs.stiffness[found] = spare.slides[q], spare.stiffness[q]
+                                    pairs.gap[found], pairs.damped[found] = spare.gap[q], spare.damped[q]
                                     pairs.ux[found], pairs.uy[found], pairs.uz[found] = (
                                         spare.ux[q],
                                         spare.uy[q],
@@ -314,6 +331,46 @@ def find_pairs(
         following[i] = head[column * rows + row]
         head[column * rows + row] = i
     return found
+
+
+@borrowing
+def _rub(
+    pairs: Pairs,
+    q: int,
+    c: Crossing,
+    push: float,
+    sx: float,
+    sy: float,
+    sz: float,
+    nx: float,
+    ny: float,
+    nz: float,
+    cosine: float,
+    sine: float,
+) -> tuple[float, float, float, float]:
+    """Stretch the friction spring of pair q by (sx, sy, sz) [m] along the surface with the normal (nx, ny, nz), and let
+    it slide where `push` [N] does not hold it.
+
+    Returns
+    -------
+    Its stretch, in the lab's frame [m], and what sliding has lost [J]: the mean of the forces before and after the step
+    times the way slid, which is what the time stepping does.
+    """
+    stiffness = pairs.stiffness[q]
+    ax, ay, az = cosine * pairs.ux[q] + sine * pairs.uy[q], cosine * pairs.uy[q] - sine * pairs.ux[q], pairs.uz[q]
+    ux, uy, uz = ax + sx, ay + sy, az + sz
+    off = ux * nx + uy * ny + uz * nz
+    ux, uy, uz = ux - off * nx, uy - off * ny, uz - off * nz
+    size = math.sqrt(ux * ux + uy * uy + uz * uz)
+    limit = c.dynamic if pairs.slides[q] > 0.0 else c.static
+    pairs.slides[q] = 0.0
+    if stiffness * size > limit * push:
+        kept = c.dynamic * push / (stiffness * size)
+        ux, uy, uz = kept * ux, kept * uy, kept * uz
+        pairs.slides[q] = 1.0
+    pairs.ux[q], pairs.uy[q], pairs.uz[q] = cosine * ux - sine * uy, sine * ux + cosine * uy, uz
+    lost = (ax + ux) * (ax + sx - ux) + (ay + uy) * (ay + sy - uy) + (az + uz) * (az + sz - uz)
+    return ux, uy, uz, stiffness / 2 * lost
 
 
 @inner
@@ -327,58 +384,54 @@ def pair_contact(
     Power of the bobbin's frame on the yarn [W], power lost in dashpots [W], energy rubbed away [J], energy handed on
     [J], energy stored [J], deepest approach [m].
     Friction acts at the surfaces, a diameter apart on the two centre lines: its couple, which these cannot bear, is
-    borne by the frame that turns with the bobbin. Handed on is what the springs of contacts that pass between elements,
-    or change their angle, lose at once.
+    borne by the frame that turns with the bobbin. Handed on is what the springs lose at once where a contact passes to
+    another element, changes its angle or jumps along the elements, which no motion of the yarn explains.
     """
     power, damped, rubbed, handed, stored, deepest = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for q in range(count):
         i, j = int(pairs.first[q]), int(pairs.second[q])
         s, t, share, angle, gap, nx, ny, nz = _approach(rod, i, j)
         depth = c.diameter - gap
-        force, energy = hardening(max(depth, 0.0) / c.diameter)
-        strained = pairs.ux[q] ** 2 + pairs.uy[q] ** 2 + pairs.uz[q] ** 2
-        strained = c.diameter * c.diameter * energy + strained / 2
-        if depth <= 0.0 or share <= 0.0:
-            handed += pairs.stiffness[q] * strained
-            pairs.stiffness[q] = 0.0
-            pairs.ux[q], pairs.uy[q], pairs.uz[q] = 0.0, 0.0, 0.0
-            pairs.slides[q] = 0.0
+        touching, before = depth > 0.0 and share > 0.0, pairs.stiffness[q]
+        if not touching and before == 0.0:
             continue
-        contact = c.element
-        if angle * c.element > c.diameter:
-            contact = c.diameter / angle
-        stiffness = share * c.surface / 2 * contact
-        handed += (pairs.stiffness[q] - stiffness) * strained
-        pairs.stiffness[q] = stiffness
         i0, i1, j0, j1 = 1 - s, s, 1 - t, t
         wx = i0 * rod.vx[i] + i1 * rod.vx[i + 1] - j0 * rod.vx[j] - j1 * rod.vx[j + 1] - spin * gap * ny
         wy = i0 * rod.vy[i] + i1 * rod.vy[i + 1] - j0 * rod.vy[j] - j1 * rod.vy[j + 1] + spin * gap * nx
         wz = i0 * rod.vz[i] + i1 * rod.vz[i + 1] - j0 * rod.vz[j] - j1 * rod.vz[j + 1]
         out = wx * nx + wy * ny + wz * nz
         wx, wy, wz = wx - out * nx, wy - out * ny, wz - out * nz
+        # The dashpot's force of the last step acted while the velocity went from the old to the new value.
+        damped -= pairs.damped[q] * out / 2
+        # What the springs of the last step and of this one hold half-way between them, where one force takes over.
+        half = dt * out / 2
+        left = hardening(max(c.diameter - pairs.gap[q] - half, 0.0) / c.diameter)[1]
+        taken = hardening(max(depth + half, 0.0) / c.diameter)[1]
+        drawn = (pairs.ux[q] ** 2 + pairs.uy[q] ** 2 + pairs.uz[q] ** 2) / 2
+        stiffness = 0.0
+        if touching:
+            contact = c.diameter / angle if angle * c.element > c.diameter else c.element
+            stiffness = share * c.surface / 2 * contact
+        square = c.diameter * c.diameter
+        handed += before * (square * left + drawn) - stiffness * (square * taken + drawn)
+        pairs.stiffness[q], pairs.gap[q] = stiffness, gap
+        if not touching:
+            pairs.ux[q], pairs.uy[q], pairs.uz[q] = 0.0, 0.0, 0.0
+            pairs.slides[q], pairs.damped[q] = 0.0, 0.0
+            continue
+        force, energy = hardening(depth / c.diameter)
         spring = stiffness * c.diameter * force
         push = max(spring - 2 * c.damping * math.sqrt(stiffness * c.mass) * out, 0.0)
-        ux = cosine * pairs.ux[q] + sine * pairs.uy[q] + dt * wx
-        uy = cosine * pairs.uy[q] - sine * pairs.ux[q] + dt * wy
-        uz = pairs.uz[q] + dt * wz
-        off = ux * nx + uy * ny + uz * nz
-        ux, uy, uz = ux - off * nx, uy - off * ny, uz - off * nz
-        size = math.sqrt(ux * ux + uy * uy + uz * uz)
-        limit = c.dynamic if pairs.slides[q] > 0.0 else c.static
-        pairs.slides[q] = 0.0
-        if stiffness * size > limit * push:
-            kept = c.dynamic * push / (stiffness * size)
-            rubbed += stiffness / 2 * size * size * (1 - kept * kept)
-            ux, uy, uz, size = kept * ux, kept * uy, kept * uz, kept * size
-            pairs.slides[q] = 1.0
-        pairs.ux[q], pairs.uy[q], pairs.uz[q] = cosine * ux - sine * uy, sine * ux + cosine * uy, uz
+        ux, uy, uz, lost = _rub(pairs, q, c, push, dt * wx, dt * wy, dt * wz, nx, ny, nz, cosine, sine)
+        rubbed += lost
         fx, fy, fz = push * nx - stiffness * ux, push * ny - stiffness * uy, push * nz - stiffness * uz
         for node, part in ((i, i0), (i + 1, i1), (j, -j0), (j + 1, -j1)):
             rod.fx[node] += part * fx
             rod.fy[node] += part * fy
             rod.fz[node] += part * fz
         power += spin * gap * (fx * ny - fy * nx)
-        damped -= (push - spring) * out
-        stored += stiffness * (c.diameter * c.diameter * energy + size * size / 2)
+        pairs.damped[q] = push - spring
+        damped -= pairs.damped[q] * out / 2
+        stored += stiffness * (square * energy + (ux * ux + uy * uy + uz * uz) / 2)
         deepest = max(deepest, depth)
     return power, damped, rubbed, handed, stored, deepest

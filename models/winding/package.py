@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import compiled, inner
+from models.compiled import borrowing, compiled
 from models.winding.contact import HARDENED, hardening
 from models.winding.crossings import find_crossings
 from models.winding.landing import sunk_share
@@ -146,7 +146,7 @@ def pair_up(below: Integers, above: Integers, below_at: Array, above_at: Array, 
     return first, crossing
 
 
-@inner
+@borrowing
 def length_of(p: Package, k: int, share: float) -> float:
     """Length of element k [m], had its nodes sunk into the bobbin by `share` of what they have."""
     a, b = p.height[k], p.height[k + 1]
@@ -155,7 +155,7 @@ def length_of(p: Package, k: int, share: float) -> float:
     return math.sqrt((a - b) * (a - b) + p.chord * a * b + p.node[k].rise)
 
 
-@inner
+@borrowing
 def approach(p: Package, e: int, q: int, diameter: float) -> float:
     """Approach of the two yarns of crossing q of element e beyond touching [m]."""
     c = p.crossing[q]
@@ -164,14 +164,14 @@ def approach(p: Package, e: int, q: int, diameter: float) -> float:
     return diameter - above if o < e else diameter + above
 
 
-@inner
+@borrowing
 def press(x: float) -> tuple[float, float]:
     """Force of one yarn on another over k d, and its slope, at the approach x d; see `contact.hardening`."""
     y = min(x, HARDENED)
     return hardening(x)[0], 1 / (1 - y) ** 2
 
 
-@inner
+@borrowing
 def _pulled(p: Package, yarn: Yarn, now: Laying, e: int, here: float, there: float) -> tuple[float, float, float]:
     """Element e at its end at the radius `here`, the other at `there` [m]: tension times ∂l/∂here, second derivatives
     of its energy in `here`, and in `here` and `there`.
@@ -192,7 +192,7 @@ def _pulled(p: Package, yarn: Yarn, now: Laying, e: int, here: float, there: flo
     )
 
 
-@inner
+@borrowing
 def along(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float, float, float]:
     """What the yarn itself and the bobbin do to node k.
 
@@ -233,7 +233,7 @@ def along(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float, fl
     return force, stiffness, next_one, next_two
 
 
-@inner
+@borrowing
 def across(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float]:
     """What the yarns that cross the elements at node k do to it: force outwards [N], stiffness [N/m]."""
     force, stiffness = 0.0, 0.0
@@ -289,7 +289,7 @@ def put_on_top(p: Package, diameter: float, start: int, stop: int) -> None:
         _look_down(p, diameter, e)
 
 
-@inner
+@borrowing
 def _look_down(p: Package, diameter: float, e: int) -> None:
     """Note which of the yarns below element e may touch it, on both sides."""
     q = p.first[e]

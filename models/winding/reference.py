@@ -229,9 +229,11 @@ class Run:
         Raises
         ------
         ValueError
-            If it belongs to another scene, as far as its array sizes and its time show.
+            If it belongs to another scene, as far as its array sizes and its time show, or to another version of this.
         """
         arrays = self._arrays()
+        if not arrays.keys() <= kept.keys():
+            raise ValueError("checkpoint: of another version of this program; remove it to start anew")
         steps = self.steps_per_sample * len(kept["span"])
         if kept["Rod.x"].shape != self.state.rod.x.shape or int(kept["counts"][STEP]) != steps:
             raise ValueError("checkpoint: belongs to another scene or time step; remove it to start anew")

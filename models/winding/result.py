@@ -88,8 +88,8 @@ class EnergyLedger:
     friction: Array
     """Dissipated by friction: yarn on yarn and on the guide."""
     handed_on: Array
-    """Lost, or gained where negative, by springs between yarns that pass from one element to the next: an error of the
-    mesh, none of the physics."""
+    """Lost, or gained where negative, by springs between yarns that pass from one element to the next or come to lie
+    side by side: an error of the mesh, none of the physics."""
 
     @property
     def throughput(self) -> Array:

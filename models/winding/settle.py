@@ -11,16 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import compiled, inner
+from models.compiled import borrowing, compiled
 from models.winding.package import Laying, Package, Yarn, across, along, approach, press
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SWEEPS = 0.5
+SWEEPS = 1.0
 """Moves alone per visited node before all are corrected together."""
-NEWTON = 2
-"""Newton steps per correction: a second one needs no forces that are not known from the first."""
 GRADIENTS = 40
 """Conjugate gradients per Newton step."""
 INEXACT = 0.1
@@ -32,7 +30,7 @@ LONGEST = 1.0
 SHORTENED = 6
 """Times a Newton step is shortened."""
 ROUNDS = 100
-"""Of queue and correction; four are usual."""
+"""Of queue and correction; four to six are usual."""
 NEVER, BEFORE = -1, -2
 """Places of nodes that were not visited, and of those visited in the round before only."""
 
@@ -74,8 +72,6 @@ class Room(NamedTuple):
     """[m]."""
     image: Array
     """Stiffness times direction [N]."""
-    moved: Array
-    """By the last correction [m]."""
     ends: Integers
     """Places of the four nodes at each crossing that presses, shape (m, 4)."""
     arms: Array
@@ -96,14 +92,14 @@ def new_room(p: Package) -> Room:
         np.full(n + 2, NEVER),
         np.empty(n + 1, np.int64),
         np.empty(n + 1, np.int64),
-        *(np.zeros(n + 1) for _ in range(9)),
+        *(np.zeros(n + 1) for _ in range(8)),
         ends=np.empty((m, 4), np.int64),
         arms=np.empty((m, 4)),
         slopes=np.empty(m),
     )
 
 
-@inner
+@borrowing
 def _wake(room: Room, k: int) -> None:
     """Put node k into the queue, and among the visited."""
     if room.waiting[k]:
@@ -118,7 +114,7 @@ def _wake(room: Room, k: int) -> None:
         room.counts[2] += 1
 
 
-@inner
+@borrowing
 def _next(room: Room) -> int:
     """Take the first node out of the queue."""
     k = int(room.queue[room.counts[0]])
@@ -128,7 +124,7 @@ def _next(room: Room) -> int:
     return k
 
 
-@inner
+@borrowing
 def _wake_around(p: Package, yarn: Yarn, room: Room, k: int, laid: int, step: float, new: bool) -> None:
     """Wake what a `step` of node k acts on: its neighbours along the yarn, and the nodes of the elements that touch its
     two elements or touched them before; of these only those that were never visited if `new`.
@@ -150,13 +146,13 @@ def _wake_around(p: Package, yarn: Yarn, room: Room, k: int, laid: int, step: fl
                     _wake(room, other)
 
 
-@inner
+@borrowing
 def _rests(now: Laying, k: int, settled: float, fade: float) -> float:
     """Step [m] below which node k rests."""
     return settled * (1 + fade * (now.laid - k))
 
 
-@inner
+@borrowing
 def _find(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade: float) -> int:
     """Move the nodes of the queue alone, and what they move, until none is left or enough are found; their number."""
     counts = room.counts
@@ -173,7 +169,7 @@ def _find(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade:
     return alone
 
 
-@inner
+@borrowing
 def _assemble(p: Package, yarn: Yarn, room: Room, now: Laying) -> None:
     """Forces on the visited nodes and their stiffness, all other nodes held."""
     count, held = room.counts[2], room.queue.shape[0]
@@ -217,7 +213,7 @@ def _assemble(p: Package, yarn: Yarn, room: Room, now: Laying) -> None:
     room.counts[3] = pressing
 
 
-@inner
+@borrowing
 def _apply(room: Room) -> None:
     """Image ← stiffness · direction."""
     count, held = room.counts[2], room.queue.shape[0]
@@ -239,7 +235,7 @@ def _apply(room: Room) -> None:
             y[a] += room.slopes[c] * arm * (change - arm * x[a])  # its own share is in the stiffness
 
 
-@inner
+@borrowing
 def _newton_step(room: Room) -> int:
     """Step ← stiffness⁻¹ · force to `INEXACT`, by conjugate gradients scaled by the nodes' stiffness; their number."""
     count = room.counts[2]
@@ -267,7 +263,7 @@ def _newton_step(room: Room) -> int:
     return GRADIENTS
 
 
-@inner
+@borrowing
 def _work(room: Room) -> tuple[float, float]:
     """Force along the step [N m], and the longest step of a node [m]."""
     along_step, longest = 0.0, 0.0
@@ -277,36 +273,32 @@ def _work(room: Room) -> tuple[float, float]:
     return along_step, longest
 
 
-@inner
+@borrowing
 def _correct(p: Package, yarn: Yarn, room: Room, now: Laying) -> int:
-    """Newton steps of all visited nodes together; `moved` is what they moved by. The number of visits to nodes."""
+    """A Newton step of all visited nodes together; `step` is what they moved by. The number of visits to nodes."""
     count = room.counts[2]
     _assemble(p, yarn, room, now)
-    visits = count
-    for a in range(count):
-        room.moved[a] = 0.0
-    for _ in range(NEWTON):
-        visits += count * _newton_step(room)
-        start, longest = _work(room)
-        share, taken = 1.0, 0.0
-        if longest > LONGEST * yarn.diameter:
-            share = LONGEST * yarn.diameter / longest
-        for _ in range(SHORTENED):
-            for a in range(count):
-                p.height[room.visited[a]] += (share - taken) * room.step[a]
-            taken = share
-            _assemble(p, yarn, room, now)
-            visits += count
-            end, _ = _work(room)
-            if end >= -OVERSHOOT * start:
-                break
-            share *= max(start / (start - end), 0.1)
+    visits = count * (1 + _newton_step(room))
+    start, longest = _work(room)
+    share, taken = 1.0, 0.0
+    if longest > LONGEST * yarn.diameter:
+        share = LONGEST * yarn.diameter / longest
+    for _ in range(SHORTENED):
         for a in range(count):
-            room.moved[a] += taken * room.step[a]
+            p.height[room.visited[a]] += (share - taken) * room.step[a]
+        taken = share
+        _assemble(p, yarn, room, now)
+        visits += count
+        end, _ = _work(room)
+        if end >= -OVERSHOOT * start:
+            break
+        share *= max(start / (start - end), 0.1)
+    for a in range(count):
+        room.step[a] *= taken
     return visits
 
 
-@inner
+@borrowing
 def _go_on(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade: float) -> None:
     """Forget the visited nodes, and wake those that are not at rest and what the others' steps moved beyond them."""
     counts, place = room.counts, room.place
@@ -322,7 +314,7 @@ def _go_on(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade
         if abs(room.force[a]) > _rests(now, k, settled, fade) * room.stiffness[a]:
             _wake(room, k)
     for a in range(count):
-        k, step = room.before[a], abs(room.moved[a])
+        k, step = room.before[a], abs(room.step[a])
         if step > _rests(now, k, settled, fade):
             _wake_around(p, yarn, room, k, now.laid, step, True)
     for a in range(count):

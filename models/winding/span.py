@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import compiled, inner
+from models.compiled import borrowing, compiled, inner
 from models.winding.drive import travel, traverse
 from models.winding.scene import WindingScene
 
@@ -109,7 +109,7 @@ def line_of(scene: WindingScene) -> Line:
     )
 
 
-@inner
+@borrowing
 def _matched(m: Line, drift: float, time: float, step: float, taken: float) -> tuple[float, float]:
     """Tension [N] at a matched feed from which yarn is drawn at the speed `taken` during `step`, and the new ū − V."""
     change = taken - _travel(time, m.speed, m.rise, m.speed_slope)[1]
@@ -139,7 +139,7 @@ def _new_string(length: float, cells: int, slope: float) -> String:
     )
 
 
-@inner
+@borrowing
 def _flow(of: String, speed: float, c: float, dt: float) -> None:
     """A step of the inner points by Lax and Wendroff, into the room."""
     v, s = of.v, of.s
@@ -152,14 +152,14 @@ def _flow(of: String, speed: float, c: float, dt: float) -> None:
         of.next_s[i] = s[i] - first * (speed * ds - dv) + second * (sum_ * dds - 2 * speed * ddv)
 
 
-@inner
+@borrowing
 def _arriving(of: String, end: int, inside: int, c: float, way: float) -> float:
     """The characteristic v + c s that arrives at the point `end`, having come `way` m from the point `inside`."""
     share = way / of.cell
     return (1 - share) * (of.v[end] + c * of.s[end]) + share * (of.v[inside] + c * of.s[inside])
 
 
-@inner
+@borrowing
 def _length(of: String) -> float:
     """[m]."""
     total = 0.0
@@ -169,7 +169,7 @@ def _length(of: String) -> float:
     return of.cell * total
 
 
-@inner
+@borrowing
 def _bends(of: String) -> float:
     """∫ s_x² dx [1/m]."""
     total = 0.0
@@ -178,7 +178,7 @@ def _bends(of: String) -> float:
     return total / (4 * of.cell)
 
 
-@inner
+@borrowing
 def _push(of: String, gain: float) -> None:
     """Velocity of the inner points ← itself + `gain` · s_x."""
     for i in range(1, of.v.shape[0] - 1):
@@ -190,7 +190,7 @@ PLACE, EYE, GONE = range(3)
 taken with them [m]."""
 
 
-@inner
+@borrowing
 def _step(m: Line, front: String, back: String, at: Array, guide: float, speed: float, c: float, dt: float) -> None:
     """A step of both strings, with the guide at z = `guide` after it."""
     _flow(front, speed, c, dt)
@@ -295,7 +295,7 @@ def new_feed(nodes: int) -> Feed:
     return Feed(np.zeros(2), np.zeros(nodes))
 
 
-@inner
+@borrowing
 def _sent_at(feed: Feed, time: Array, count: int, moment: float) -> float:
     """F [N] at a moment [s], linear between the first `count` nodes; its first value before them."""
     if moment <= time[0]:
@@ -307,7 +307,7 @@ def _sent_at(feed: Feed, time: Array, count: int, moment: float) -> float:
     return float((1 - share) * feed.sent[after - 1] + share * feed.sent[after])
 
 
-@inner
+@borrowing
 def tension_at(m: Line, feed: Feed, time: Array, k: int, taken: float, wrap: float) -> float:
     """Tension of the span [N] while node k is laid and `taken` m of yarn are drawn in since the node before it."""
     step = time[k] - time[k - 1]

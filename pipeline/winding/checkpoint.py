@@ -17,6 +17,8 @@ from pipeline.errors import InputError
 from pipeline.winding.study import WindingCase
 
 _SCENE = "scene_sha256"
+_FORM = 2
+"""Of what a run keeps: raised when that changes, so that no state of an older version is gone on from."""
 
 
 class FileCheckpoint:
@@ -24,7 +26,7 @@ class FileCheckpoint:
 
     def __init__(self, path: Path, scene: WindingScene):
         self.path = path
-        self._scene = hashlib.sha256(repr(scene).encode()).hexdigest()
+        self._scene = hashlib.sha256(f"{_FORM} {scene!r}".encode()).hexdigest()
         self._state = self._read() if path.exists() else None
 
     def load(self) -> Kept | None:
@@ -51,7 +53,8 @@ class FileCheckpoint:
                 if _SCENE not in file:
                     raise InputError(self.path, "no state of a winding run", right)
                 if str(file[_SCENE]) != self._scene:
-                    raise InputError(self.path, "the state of another scene", f"{right}: the scene must be the same")
+                    found = "the state of another scene, or of another version of this program"
+                    raise InputError(self.path, found, f"{right}: both must be the same")
                 return {name: file[name] for name in file.files if name != _SCENE}
         except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(self.path, f"not a whole .npz file ({error})", right) from None

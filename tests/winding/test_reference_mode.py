@@ -184,6 +184,10 @@ def test_a_checkpoint_of_another_scene_is_refused():
     memory.save(run.save())
     with pytest.raises(ValueError, match="another scene"):
         wind(winding_scene(duration=0.5, mode="reference"), checkpoint=memory)
+    assert memory.kept is not None
+    del memory.kept["Pairs.gap"]
+    with pytest.raises(ValueError, match="another version"):
+        wind(winding_scene(mode="reference"), checkpoint=memory)
 
 
 def test_a_free_tail_winds_and_ends_when_it_is_spent():
