@@ -4,9 +4,11 @@ The yarn is cut along the line (`lines.py`). Near either edge the mean cross pro
 block of the cut: I(w) = g·p(w) + o − δ·p′(w) is solved for how far the block's edge is shifted (the image registration
 of Lucas and Kanade, IJCAI 1981, with gain and offset). Only rows from `WITHIN` inside of the edge outwards count, and
 each edge has a gain of its own: fibres that shine or are dark there shift little. (δ₁ + δ₂)/2 is where the yarn's
-middle is, whichever edge the light favours: with one shift for both edges a taper of 5 % tilted the axis by 0.1°. A
-robust line through the middles corrects the axis; blocks with a hair or a second object drop out. Where a parabola's
-sagitta exceeds what texture may seem to bend, the yarn is cut anew along it.
+middle is, whichever edge the light favours: with one shift for both edges a taper of 5 % tilted the axis by 0.1°. Of an
+even yarn, or where the ground beside it changes, it is one shift of the whole body: texture enters that less, and what
+the ground makes of one edge is mostly undone at the other. A robust line through the middles corrects the axis; blocks
+with a hair or a second object drop out. Where a parabola's sagitta exceeds what texture may seem to bend, the yarn is
+cut anew along it.
 
 The mean profile of a yarn that is thick here and thin there is a mixture whose edges are blurred and whose width is no
 diameter's. Where (δ₂ − δ₁)/2 varies along the yarn by more than `EVEN` and `EVEN_SHARE`, the blocks are laid on each
@@ -52,8 +54,16 @@ standard deviation of a blur that twist bears, and some."""
 EVEN, EVEN_SHARE = 0.5, 0.03
 """Root mean square of what the half width varies by, up to which it blurs the profile by less than the optics do, and
 texture may seem to [rows, and as a share of the half width]: the larger of the two."""
+TAPERED = 0.03
+"""Change of the half width from one end to the other, over the half width, up to which one shift of the whole body does
+not tilt the axis by more than it scatters."""
 SMOOTHED = 2
 """Blocks on either side whose median is taken: what varies over less of the yarn blurs the profile, evenly."""
+GROUND = 0.05
+"""Standard deviation of the level beside the yarn, along it, over the profile's height, from which on an edge by itself
+is not believed: where the ground changes, as at the cylinder's edge, it seems to move."""
+GROUND_ROWS = 3
+"""Rows at either end of a block that show the ground."""
 EVENED = 4
 """Largest number of times that blocks are laid on each other: a blurred profile tells shifts too small at first."""
 
@@ -174,7 +184,10 @@ def register(blocks: Image, cut_bend: float) -> Registered:
     if profile.max() <= profile.min():
         return nothing
     centre, half = feet(profile)
-    edges, usable = _edges(blocks, profile, centre, half)
+    inside, even = half - max(WITHIN, WITHIN_SHARE * half), True
+    if _ground_varies(blocks, float(profile.max() - profile.min())):
+        inside = -math.inf
+    edges, usable = _edges(blocks, profile, centre, inside)
     tilt, bend, agreement = _parabola(edges[0], usable, cut_bend)
     if not agreement:
         return nothing
@@ -184,20 +197,26 @@ def register(blocks: Image, cut_bend: float) -> Registered:
         moved, limit = np.zeros((2, count)), max(EVEN, EVEN_SHARE * half)
         for _ in range(EVENED):
             change = _smooth(edges[1], usable)
+            even = even and abs(np.sum(change * place) / np.sum(place * place)) * BLOCK * count <= TAPERED * half
             moved[1] += change
             if math.sqrt(np.mean(change**2)) <= limit:
                 break
-            limit = EVEN / 2  # once laid on each other, blocks are so for good
+            limit, even = EVEN / 2, False  # once laid on each other, blocks are so for good
             moved[0] = tilt * place + bend * curve
             laid = _laid_on(blocks, centre, half, moved)
             profile, spread = _common(laid)
-            edges, usable = _edges(laid, profile, centre, half)
+            edges, usable = _edges(laid, profile, centre, inside)
             further = _parabola(edges[0], usable, cut_bend + bend)
             tilt, bend, agreement = tilt + further[0], bend + further[1], further[2]
             if not agreement:
                 return nothing
             form = moved[1]
         uneven = math.sqrt(np.mean(moved[1] ** 2)) / half
+        if even and inside > -math.inf:
+            edges, usable = _edges(blocks, profile, centre, -math.inf)
+            tilt, bend, agreement = _parabola(edges[0], usable, cut_bend)
+            if not agreement:
+                return nothing
         if form.size:
             form = 1 + form / half
     return Registered(profile, spread, tilt, bend, agreement, middle(profile), background(profile), form, uneven)
@@ -322,13 +341,14 @@ def _sort_columns(values: Image) -> None:
 
 
 @inner
-def _edges(blocks: Image, profile: Array, centre: float, half: float) -> tuple[Array, NDArray[np.bool_]]:
+def _edges(blocks: Image, profile: Array, centre: float, inside: float) -> tuple[Array, NDArray[np.bool_]]:
     """Return how far the yarn's middle and each half of its width are off the profile's, and where that can be told.
 
     Parameters
     ----------
     blocks, profile : shape (blocks, rows) and (rows,).
-    centre, half : of the yarn, from the middle row, and half its width [rows].
+    centre : of the yarn, from the middle row [rows].
+    inside : distance from it from which on rows count for the edge on their side [rows]; −∞ makes one shift of both.
 
     Returns
     -------
@@ -336,13 +356,14 @@ def _edges(blocks: Image, profile: Array, centre: float, half: float) -> tuple[A
     """
     count, rows = blocks.shape
     edges, usable = np.zeros((2, count)), np.zeros(count, np.bool_)
-    inside = half - max(WITHIN, WITHIN_SHARE * half)
     # for either edge, what weighs a block's rows to its gain and to gain times shift: rows of a pseudo-inverse
     weighing, pivots = np.zeros((4, rows)), np.empty(3, np.int64)
     for side in range(2):
-        design = np.zeros((3, rows))
+        design, share = np.zeros((3, rows)), np.zeros(rows)
         for i in range(rows):
-            if (i - rows // 2 - centre) * (2 * side - 1) > inside:
+            # no row enters at once: another cut of the same frame has its rows elsewhere
+            share[i] = min(max((i - rows // 2 - centre) * (2 * side - 1) - inside + 0.5, 0.0), 1.0)
+            if share[i] > 0:
                 before, after = max(i - 1, 0), min(i + 1, rows - 1)
                 design[0, i], design[1, i] = profile[i], 1
                 design[2, i] = (profile[before] - profile[after]) / (after - before)
@@ -352,14 +373,15 @@ def _edges(blocks: Image, profile: Array, centre: float, half: float) -> tuple[A
             if scale[k] <= 0:
                 return edges, usable
             design[k] /= scale[k]
-        normal = products(design, design)
+        weighed = design * share
+        normal = products(weighed, design)
         for k in range(3):
             normal[k, k] += 1e-12
         lu_factor(normal, pivots)
         for m in range(2):
             mixed = lu_solve(normal, pivots, np.eye(3)[2 * m])
             for k in range(3):
-                weighing[2 * side + m] += mixed[k] / scale[2 * m] * design[k]
+                weighing[2 * side + m] += mixed[k] / scale[2 * m] * weighed[k]
     told = products(weighing, blocks)
     for k in range(count):
         if min(told[0, k], told[2, k]) > 0.3:
@@ -367,6 +389,22 @@ def _edges(blocks: Image, profile: Array, centre: float, half: float) -> tuple[A
             edges[0, k], edges[1, k] = (left + right) / 2, (right - left) / 2
             usable[k] = abs(edges[0, k]) < rows / 4
     return edges, usable
+
+
+@inner
+def _ground_varies(blocks: Image, height: float) -> bool:
+    """Say whether the level beside the yarn varies along it by more than `GROUND` of the profile's height."""
+    count, rows = blocks.shape
+    beside = np.empty(count)
+    for side in range(2):
+        first = side * (rows - GROUND_ROWS)
+        for k in range(count):
+            beside[k] = np.mean(blocks[k, first : first + GROUND_ROWS])
+        ordered = np.sort(beside)
+        # standard deviation of a normal variable from its first and last tenth, which may be hairs
+        if ordered[count - 1 - count // 10] - ordered[count // 10] > 2.56 * GROUND * height:
+            return True
+    return False
 
 
 @spliced

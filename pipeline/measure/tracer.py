@@ -36,7 +36,7 @@ MIN_CONTRAST = 0.25
 MIN_TURNS = 1.0
 MIN_DEPTH = 2.4
 """Mean distance of the line's pieces from the surface's mean, in standard deviations of the surface beside the line."""
-MAX_UNEVEN = 0.25
+MAX_UNEVEN = 0.3
 """Standard deviation of the pieces over that distance."""
 BESIDE = 0.25
 """Distance from the line [radii] beyond which the surface is beside it."""

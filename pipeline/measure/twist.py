@@ -123,7 +123,8 @@ def strand_slope(image: Image | Pixels, axis: YarnAxis) -> float:
     Of plied yarn, whose strands and the grooves between them are inclined as fibres are. They are no lines on the
     cylinder (`outline.py` says by how much), but of the same hand.
     """
-    _, slope, contrast, _ = _strongest(image, axis)
+    # bulges of its outline are its strands, not a yarn that is thick here and thin there
+    _, slope, contrast, _ = _strongest(image, axis._replace(form=np.empty(0)))
     return slope / (math.pi * axis.diameter) if contrast >= MIN_HAND else 0.0
 
 

@@ -116,7 +116,7 @@ def test_an_axis_is_not_followed_onto_something_else(steady):
     found = find_axis(narrow, before)
     alone = find_axis(narrow)
     assert (found is None) == (alone is None)
-    assert found is None or found == alone
+    assert found is None or found[:-1] == alone[:-1]
 
 
 def test_numbers_do_not_depend_on_the_number_of_threads(steady):
