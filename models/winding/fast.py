@@ -14,7 +14,7 @@ once a package is deeper than a landing reaches, a metre costs nearly the same h
 more with each layer, because a landing moves more nodes.
 
 Left out: whirling, the weight and inertia of laid yarn, yarn lying alongside yarn without crossing it, friction between
-yarns, and yarn that slides off what it crosses at a small angle, as in the reversals: it stays on top here and presses.
+yarns, and yarn that may slide off what it crosses at a small angle, as in the reversals: here it stays on top.
 """
 
 import math

@@ -380,12 +380,12 @@ def _deviation(image: Image) -> Image:
     """
     rows, columns = image.shape
     v, u = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
-    down, right_on = 4 if rows > 8 else 1, 4 if columns > 8 else 1
-    count = ((rows + down - 1) // down) * ((columns + right_on - 1) // right_on)
+    down, along = 4 if rows > 8 else 1, 4 if columns > 8 else 1
+    count = ((rows + down - 1) // down) * ((columns + along - 1) // along)
     basis, values = np.ones((6, count)), np.empty(count)
     at = 0
     for i in range(0, rows, down):
-        for j in range(0, columns, right_on):
+        for j in range(0, columns, along):
             basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
             at += 1
     basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
