@@ -62,6 +62,15 @@ SMOOTHED = 2
 GROUND = 0.05
 """Standard deviation of the level beside the yarn, along it, over the profile's height, from which on an edge by itself
 is not believed: where the ground changes, as at the cylinder's edge, it seems to move."""
+CHANGED = 0.6
+"""Change of the level beside the yarn, along it, over the yarn's contrast with it, from which on there are
+two grounds."""
+ALIKE = 0.15
+"""Half of the range of levels that are one ground's, over the yarn's contrast with it."""
+GOES_ON = 0.5
+"""Difference of a block's middle from the yarn's level, over its contrast with the ground, up to which it is yarn."""
+COMMON = 0.3
+"""Least share of the blocks that lie on one ground."""
 GROUND_ROWS = 3
 """Rows at either end of a block that show the ground."""
 EVENED = 4
@@ -178,17 +187,19 @@ def register(blocks: Image, cut_bend: float) -> Registered:
     blocks : shape (blocks, rows).
     cut_bend : of the line that they were cut along [rows per line²].
     """
-    profile, spread = _common(blocks)
+    one, expected = _on_one_ground(blocks)
+    profile, spread = _common(blocks[one])
     form, uneven = np.empty(0), 0.0
     nothing = Registered(profile, spread, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0), form, uneven)
     if profile.max() <= profile.min():
         return nothing
     centre, half = feet(profile)
     inside, even = half - max(WITHIN, WITHIN_SHARE * half), True
-    if _ground_varies(blocks, float(profile.max() - profile.min())):
+    if _ground_varies(blocks[one], float(profile.max() - profile.min())):
         inside = -math.inf
     edges, usable = _edges(blocks, profile, centre, inside)
-    tilt, bend, agreement = _parabola(edges[0], usable, cut_bend)
+    usable &= one
+    tilt, bend, agreement = _parabola(edges[0], usable, cut_bend, expected)
     if not agreement:
         return nothing
     count = blocks.shape[0]
@@ -204,9 +215,10 @@ def register(blocks: Image, cut_bend: float) -> Registered:
             limit, even = EVEN / 2, False  # once laid on each other, blocks are so for good
             moved[0] = tilt * place + bend * curve
             laid = _laid_on(blocks, centre, half, moved)
-            profile, spread = _common(laid)
+            profile, spread = _common(laid[one])
             edges, usable = _edges(laid, profile, centre, inside)
-            further = _parabola(edges[0], usable, cut_bend + bend)
+            usable &= one
+            further = _parabola(edges[0], usable, cut_bend + bend, expected)
             tilt, bend, agreement = tilt + further[0], bend + further[1], further[2]
             if not agreement:
                 return nothing
@@ -214,7 +226,8 @@ def register(blocks: Image, cut_bend: float) -> Registered:
         uneven = math.sqrt(np.mean(moved[1] ** 2)) / half
         if even and inside > -math.inf:
             edges, usable = _edges(blocks, profile, centre, -math.inf)
-            tilt, bend, agreement = _parabola(edges[0], usable, cut_bend)
+            usable &= one
+            tilt, bend, agreement = _parabola(edges[0], usable, cut_bend, expected)
             if not agreement:
                 return nothing
         if form.size:
@@ -392,6 +405,48 @@ def _edges(blocks: Image, profile: Array, centre: float, inside: float) -> tuple
 
 
 @inner
+def _on_one_ground(blocks: Image) -> tuple[NDArray[np.bool_], int]:
+    """Say which blocks lie on one ground, all unless it changes much along the yarn, and how many should agree.
+
+    The yarn passes from before the cylinder to before what is behind that: brighter than the one, darker than the
+    other, it has no profile in common there. The blocks are then those of the commonest levels beside the yarn. Of the
+    others those should agree, too, where the yarn itself is not seen to go on: something is in front of it.
+
+    Parameters
+    ----------
+    blocks : shape (blocks, rows).
+    """
+    count, rows = blocks.shape
+    beside, body = np.empty((2, count)), np.empty(count)
+    for k in range(count):
+        beside[0, k], beside[1, k] = np.mean(blocks[k, :GROUND_ROWS]), np.mean(blocks[k, rows - GROUND_ROWS :])
+        body[k] = np.mean(blocks[k, rows // 3 : rows - rows // 3])
+    level, change = upper_median(body), 0.0
+    for side in range(2):
+        ordered = np.sort(beside[side])
+        change = max(change, ordered[count - 1 - count // 10] - ordered[count // 10])
+    contrast = np.minimum(np.abs(beside[0] - level), np.abs(beside[1] - level))
+    one = np.ones(count, np.bool_)
+    if change <= CHANGED * upper_median(contrast):
+        return one, count
+    most, chosen = 0, 0
+    for k in range(count):
+        alike = 0
+        for m in range(count):
+            alike += max(abs(beside[0, m] - beside[0, k]), abs(beside[1, m] - beside[1, k])) <= ALIKE * contrast[k]
+        if alike > most:
+            most, chosen = alike, k
+    if most < max(FEWEST, COMMON * count):
+        return one, count
+    for m in range(count):
+        away = max(abs(beside[0, m] - beside[0, chosen]), abs(beside[1, m] - beside[1, chosen]))
+        one[m] = away <= ALIKE * contrast[chosen]
+    level = upper_median(body[one])
+    goes_on = np.abs(body - level) <= GOES_ON * contrast[chosen]
+    return one, most + int(np.count_nonzero(~one & ~goes_on))
+
+
+@inner
 def _ground_varies(blocks: Image, height: float) -> bool:
     """Say whether the level beside the yarn varies along it by more than `GROUND` of the profile's height."""
     count, rows = blocks.shape
@@ -408,7 +463,7 @@ def _ground_varies(blocks: Image, height: float) -> bool:
 
 
 @spliced
-def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float) -> tuple[float, float, float]:
+def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float, expected: int) -> tuple[float, float, float]:
     """Return the yarn's tilt [rows per line], bend [rows per line²] and the share of the blocks that agree.
 
     First a robust line, then from its weights a parabola: that alone might follow a second object. A bend that is not
@@ -419,9 +474,10 @@ def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float) -> tup
     middles : shape (blocks,) [rows].
     usable : shape (blocks,); without enough of them nothing agrees. Blocks that do not agree are made not usable.
     cut_bend : see `register`; the bend returned is on top of it.
+    expected : blocks that could agree.
     """
     count, used = middles.size, np.count_nonzero(usable)
-    if used < max(3, 0.3 * count):
+    if used < max(3, 0.3 * expected):
         return 0.0, 0.0, 0.0
     position = ((np.arange(count) - (count - 1) / 2) * BLOCK)[usable]
     shift = middles[usable] + 0.5 * cut_bend * position * position
@@ -453,7 +509,7 @@ def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float) -> tup
             last = slope
         sagitta = abs(curvature) * (BLOCK * count) ** 2 / 8
         if not bent or sagitta > max(ALIGNED, BENT * deviation):
-            tilt, bend, agreement = slope, curvature, np.sum(weight > 0.2) / count
+            tilt, bend, agreement = slope, curvature, np.sum(weight > 0.2) / expected
             kept = weight > 0.2
     at = 0
     for k in range(count):

@@ -3,11 +3,11 @@
 Three steps, none of which needs a threshold from the user. Where the frame before is known, its axis stands in for the
 first, as long as what is then found is the same yarn: only a strip around the yarn is looked at.
 
-1. *Find.* On a reduced frame, a smooth background (quadratic in x and y, fitted robustly) is subtracted; Otsu's
-   threshold and connected components give the largest elongated thing; a line is fitted to its full cross-sections
-   only, because the slanted ends where the frame cuts the yarn would turn the line. Where that is no yarn (a broad
-   cylinder behind it, a second thing, a background as bright as the yarn), the bands between two opposite straight
-   edges are tried (`edges.py`).
+1. *Find.* The largest elongated thing that deviates from a smooth background is measured (`find.py`). Where that is no
+   round body (a broad cylinder behind the yarn, a second thing, a background as bright as the yarn, a yarn that fills
+   the frame), all other bands are: those between two opposite straight edges (`edges.py`), those brighter or darker
+   than a level, and both kinds in parts of the frame. Of the round bodies among them, stripes of a broader one left
+   out, the yarn is the one whose face shows the most texture: a cylinder or a wire is smooth.
 2. *Align.* The line is turned and moved until it runs along the yarn (`align.py`).
 3. *Diameter.* A lit cylinder is darker towards its edges, so the width at half of its peak is too small (13 % for
    Lambert's law from the front). The edge is half way between the background and the body *at the edge*: the profile
@@ -18,28 +18,23 @@ first, as long as what is then found is the same yarn: only a strip around the y
 
 import math
 import threading
+from itertools import chain
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from models.compiled import compiled, inner, spliced
-from models.newton import lu_factor, lu_solve
-from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, about, align, cut, register, upper_median
+from pipeline.measure.align import MIN_ASPECT, Aligned, Cut, Registered, about, align, cut, register
 from pipeline.measure.edges import bands
-from pipeline.measure.lines import Image, Pixels, span
+from pipeline.measure.find import SMALLEST, Line, find_line, level_lines, part_lines
+from pipeline.measure.lines import Image, Pixels
 from pipeline.measure.lit import NO_BODY, NOT_FITTED, LitProfile, bright_side, fit_lit, scaled, side_starts
-from pipeline.measure.profile import feet, fit_profile, groove
+from pipeline.measure.profile import feet, fit_profile, groove, relief
 from pipeline.records import Array
 
-REDUCTION = 4
-"""Step of the reduced frame that the yarn is looked for in [px]."""
-SMALLEST = 4 * REDUCTION
-"""Least side of a frame that a yarn is looked for in [px]."""
 MIN_DIAMETER = 4.0
 """Thinner things are not measured [px]."""
-MIN_PIXELS = 12
-"""Fewest pixels of the reduced frame that a line is fitted to."""
 NEAR = 4
 """Distance from a strip within which interpolation uses pixels [px]: 2 for the bicubic one, and some."""
 SAME_DIAMETER = 0.05
@@ -48,14 +43,34 @@ SAME_AGREEMENT = 0.8
 """Least share of the blocks that agree for an axis that was followed rather than found."""
 SAME_DIRECTION = 0.1
 """Turn from one frame to the next up to which an axis is followed [rad]: beyond, the yarn leaves the strip early."""
-
-
 BANDS = 3
-"""Bands between two edges that are tried where no thing of its own brightness is the yarn."""
-MIN_AGREEMENT = 0.4
-"""Least share of the blocks that agree for such a band."""
+"""Bands between two edges that are tried where the largest thing is no round body."""
+MIN_AGREEMENT = 0.7
+"""Least share of the blocks that agree about a round body."""
+UNDISTURBED = 0.9
+"""Share that agrees from which on nothing lies before a body: the cylinder has less, where the yarn crosses it."""
 MAX_MISFIT = 0.03
 """Misfit of the profile, over its range, above which its edges are not those of a round body."""
+MIN_RELIEF = 0.45
+"""Least height of a body above the ground on both of its sides, or depth below it, over the profile's range. That of
+rendered yarn is above 0.5 in any light, that of an edge of something broader is not above 0: an edge would fit as a
+thin yarn with light from the side."""
+MAX_GROOVE = 0.2
+"""Depth of a groove along the yarn, over the profile's range, from which on there are two yarns. Rendered single
+ones in any light have at most 0.05, two of about one brightness that touch or overlap 0.3 and more; a fainter one makes
+the profile unlike that of a round body."""
+ALONG = 0.25
+"""Angle between two bodies up to which one runs along the other [rad]."""
+BROADER = 1.25
+"""Ratio of diameters from which on they are those of two bodies."""
+ASIDE, BESIDE = 3.5, 1.4
+"""How far from a body, and from where on, there has to be ground [radii]."""
+UNEVEN_GROUND = 0.4
+"""Largest change of the ground's level there, over the body's contrast with it."""
+MOST = 0.95
+"""Share of the length of yarn on the best line that another line has to have."""
+PATCH, FACE = 0.125, 0.6
+"""Size of the patches that texture is looked for in, and of the face that faces the camera [diameters]."""
 FRONTAL = 0.1
 """Direction of the light up to which the yarn's own shadow does not show [rad]."""
 FLAT = 0.2
@@ -112,6 +127,10 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
     image : the frame, shape (rows, columns), rows top-down.
     before : the yarn in the frame before, or as it is `expected`. It only saves time: the yarn is looked for in the
         whole frame where it is not near that place, not as wide, turned or disturbed.
+
+    Returns
+    -------
+    A round body if there is one, else what is most like one, which may be a plied yarn.
     """
     if before is not None:
         x, y = before.centre
@@ -127,17 +146,78 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
     if min(image.shape) < SMALLEST:
         return None
     line = find_line(image)
-    axis = NO_YARN if line is None else _measure(image, line[0], line[1], line[2], 0.0, line[3], 1.0, 0.0, 0.0)
-    if axis.diameter and axis.misfit <= MAX_MISFIT:
-        return axis
-    for band in bands(image.astype(np.float32), BANDS):
-        other = _measure(image, band[0], band[1], band[2], 0.0, band[3], 1.0, 0.0, 0.0)
-        better = not axis.diameter or other.misfit < axis.misfit
-        if other.diameter and other.agreement >= MIN_AGREEMENT and better:
-            axis = other
-        if axis.diameter and axis.misfit <= MAX_MISFIT:
-            break
-    return axis if axis.diameter else None
+    first = NO_YARN if line is None else _measure_from(image, line)
+    if _is_round(first) and first.agreement >= UNDISTURBED and _is_alone(image, first):
+        return first
+    lines = bands(image.astype(np.float32), BANDS), level_lines(image), part_lines(image)
+    bodies = [first, *(_measure_from(image, line) for line in chain(*lines))]
+    bodies = [body for body in bodies if body.agreement >= MIN_AGREEMENT]
+    whole = [body for body in bodies if not any(_within(body, other) for other in bodies)]
+    alone = [body for body in whole if _is_alone(image, body)]
+    round_bodies = [body for body in alone if _is_round(body)]
+    if not round_bodies:
+        if first.diameter and _is_alone(image, first):
+            return first
+        return min(alone, key=lambda body: body.misfit, default=None)
+    yarn = max(round_bodies, key=lambda body: _texture(image, body))
+    # the same yarn on several lines: of those that most of it lies on the one with the middle diameter
+    same = [body for body in round_bodies if _is_along(body, yarn) and body.diameter < BROADER * yarn.diameter]
+    most = max(body.agreement * body.length for body in same)
+    same = [body for body in same if body.agreement * body.length >= MOST * most]
+    return sorted(same, key=lambda body: body.diameter)[(len(same) - 1) // 2]
+
+
+def _is_round(body: YarnAxis) -> bool:
+    """Say whether what was measured is one straight, round body."""
+    straight = body.diameter > 0 and body.agreement >= MIN_AGREEMENT
+    return straight and body.misfit <= MAX_MISFIT and body.groove <= MAX_GROOVE
+
+
+def _is_alone(image: Image | Pixels, body: YarnAxis) -> bool:
+    """Say whether there is but ground on both sides of a body: beside a stripe of a yarn's face is the rest of it."""
+    radius, (x, y) = body.diameter / 2, body.centre
+    half = math.ceil(ASIDE * radius)
+    strip = straighten(image, (x, y), body.angle, half, body.length)
+    right = np.arange(-half, half + 1)
+    inside = x + right * math.sin(body.angle), y + right * math.cos(body.angle)
+    seen = (inside[0] >= 0) & (inside[0] <= image.shape[1] - 1) & (inside[1] >= 0) & (inside[1] <= image.shape[0] - 1)
+    level = np.median(strip, axis=1)
+    middle = level[np.abs(right) < 0.5 * radius].mean()
+    for beside in (right < -BESIDE * radius, right > BESIDE * radius):
+        ground = level[beside & seen]
+        if ground.size and np.ptp(ground) > UNEVEN_GROUND * np.abs(middle - ground).max():
+            return False
+    return True
+
+
+def _within(body: YarnAxis, other: YarnAxis) -> bool:
+    """Say whether one body is a part of a broader one: a bright or dark stripe of its face, along it."""
+    return _is_along(body, other) and BROADER * body.diameter < other.diameter
+
+
+def _is_along(body: YarnAxis, other: YarnAxis) -> bool:
+    """Say whether the middle of a body lies on another one, and its axis along that."""
+    (x, y), (c, s) = other.centre, (math.cos(other.angle), math.sin(other.angle))
+    apart = abs((body.centre[0] - x) * s + (body.centre[1] - y) * c)
+    return abs(math.remainder(body.angle - other.angle, math.pi)) < ALONG and apart < other.diameter / 2
+
+
+def _texture(image: Image | Pixels, body: YarnAxis) -> float:
+    """Return how much the level of a body's face changes along it from patch to patch, over its contrast.
+
+    Fibres make it so for yarn; a cylinder, a wire or a shadow is smooth. The median leaves out what lies across it.
+    """
+    size = max(1, round(PATCH * body.diameter))
+    half = max(1, round(FACE * body.diameter / 2 / size)) * size
+    strip = straighten(image, body.centre, body.angle, half, body.length // size * size)[1:]
+    patches = strip.reshape(2 * half // size, size, -1, size).mean(axis=(1, 3))
+    return float(np.median(np.abs(np.diff(patches)))) / max(abs(body.shade[0] - body.shade[1]), 1.0)
+
+
+def _measure_from(image: Image | Pixels, line: Line) -> YarnAxis:
+    """Measure the yarn on a line that was found, of which no more is known."""
+    x, y, angle, half = line
+    return _measure(image, x, y, angle, 0.0, half, 1.0, 0.0, 0.0)
 
 
 def expected(last: YarnAxis, before: YarnAxis) -> YarnAxis:
@@ -184,6 +264,8 @@ def _measure(
     half, length, agreement = registered.profile.size // 2, found.length, aligned.registered.agreement
     first, last = registered.beside
     dark = first + (last - first) * (body.offset + half) / (2 * half)
+    if relief(registered.profile) < MIN_RELIEF:
+        return NO_YARN
     depth = groove(registered.profile, body.offset, body.radius)
     body = scaled(body, found.step)
     # the profile was taken square to the tangent, and about a line that is straighter than the axis by the last bend
@@ -255,7 +337,8 @@ def _fit_shadow(
         first, last = bright_side(registered.profile)
         half = 1.3 * (last - first) + 6 / found.step
         if half > registered.profile.size // 2:
-            wider = cut(image, found.x, found.y, angle, bend, half * found.step, 0.0)
+            shortest = MIN_ASPECT * (last - first) * found.step
+            wider = cut(image, found.x, found.y, angle, bend, half * found.step, shortest)
             if wider.length:
                 found, registered = wider, register(wider.blocks, bend / wider.step**3)
     near = np.array([[plain.offset, plain.radius, plain.blur, plain.light]])
@@ -349,132 +432,3 @@ def _set_band(
             source, target = frame[i, first:past], floats[i, first:past]
             for j in range(past - first):
                 target[j] = source[j]
-
-
-@compiled
-def _reduced(frame: Image | Pixels) -> Image:
-    """Return the mean of each `REDUCTION` × `REDUCTION` pixels; what is left over at the far ends is left out."""
-    rows, columns = frame.shape[0] // REDUCTION, frame.shape[1] // REDUCTION
-    small = np.empty((rows, columns), np.float32)
-    sums = np.empty(columns * REDUCTION, np.float32)
-    for i in range(rows):
-        sums[:] = 0
-        for k in range(REDUCTION):
-            line = frame[i * REDUCTION + k]
-            for j in range(sums.size):
-                sums[j] += np.float32(line[j])
-        for j in range(columns):
-            total = np.float32(0)
-            for k in range(REDUCTION):
-                total += sums[j * REDUCTION + k]
-            small[i, j] = total / np.float32(REDUCTION * REDUCTION)
-    return small
-
-
-@compiled
-def _deviation(image: Image) -> Image:
-    """Return |image − background|: a quadratic in x and y, fitted to every fourth pixel both ways, or to the median.
-
-    What deviates by more than 3 median deviations is left out, iterated. Along a side that every fourth pixel leaves
-    fewer than the three of that a quadratic needs, all are taken.
-    """
-    rows, columns = image.shape
-    v, u = np.linspace(-1, 1, rows), np.linspace(-1, 1, columns)
-    down, along = 4 if rows > 8 else 1, 4 if columns > 8 else 1
-    count = ((rows + down - 1) // down) * ((columns + along - 1) // along)
-    basis, values = np.ones((6, count)), np.empty(count)
-    at = 0
-    for i in range(0, rows, down):
-        for j in range(0, columns, along):
-            basis[1, at], basis[2, at], values[at] = u[j], v[i], image[i, j]
-            at += 1
-    basis[3], basis[4], basis[5] = basis[1] * basis[1], basis[1] * basis[2], basis[2] * basis[2]
-    middle, c = upper_median(values), np.zeros(6)
-    c[0], rest = middle, values - middle
-    normal, right, pivots = np.empty((6, 6)), np.empty(6), np.empty(6, np.int64)
-    for _ in range(4):
-        keep = np.abs(rest) <= 3 * 1.4826 * upper_median(np.abs(rest)) + 1e-9
-        for k in range(6):
-            kept = np.where(keep, basis[k], 0.0)
-            right[k] = np.sum(kept * values)
-            for m in range(k + 1):
-                normal[k, m] = normal[m, k] = np.sum(kept * basis[m])
-        if not lu_factor(normal, pivots):
-            break
-        c = lu_solve(normal, pivots, right)
-        rest[:] = values
-        for k in range(6):
-            rest -= c[k] * basis[k]
-    deviation = np.empty(image.shape, np.float32)
-    for i in range(rows):
-        level, slope = c[0] + (c[2] + c[5] * v[i]) * v[i], c[1] + c[4] * v[i]
-        for j in range(columns):
-            deviation[i, j] = abs(image[i, j] - (level + (slope + c[3] * u[j]) * u[j]))
-    return deviation
-
-
-def find_line(image: Image | Pixels) -> tuple[float, float, float, float] | None:
-    """Return a point (x, y), the angle and the half width of the largest elongated thing, good to about a pixel."""
-    if min(image.shape) < SMALLEST:
-        return None
-    small = _reduced(image)
-    deviation = _deviation(small)
-    top = float(deviation.max())
-    if top <= 0:
-        return None
-    _, mask = cv2.threshold((deviation * (255 / top)).astype(np.uint8), 0, 1, cv2.THRESH_BINARY | cv2.THRESH_OTSU)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    for label in 1 + np.argsort(stats[1:, cv2.CC_STAT_AREA])[::-1][:3]:
-        rows, columns = np.nonzero(labels == label)
-        x, y, angle, half = _line_through(columns.astype(float), rows.astype(float), *small.shape)
-        if half:
-            edge = (REDUCTION - 1) / 2
-            return x * REDUCTION + edge, y * REDUCTION + edge, angle, half * REDUCTION
-    return None
-
-
-@compiled
-def _line_through(xs: Array, ys: Array, rows: int, columns: int) -> tuple[float, float, float, float]:
-    """Fit a line to the full cross-sections of a band of pixels in a frame of `rows` and `columns`.
-
-    Parameters
-    ----------
-    xs, ys : the pixels, shape (n,), rows top-down.
-
-    Returns
-    -------
-    A point x, y, the angle and half the width; zeros where the pixels are no band.
-    """
-    none = (0.0, 0.0, 0.0, 0.0)
-    if xs.size < MIN_PIXELS:
-        return none
-    x, y = xs.mean(), ys.mean()
-    xx, yy = np.sum((xs - x) ** 2) / (xs.size - 1), np.sum((ys - y) ** 2) / (xs.size - 1)
-    xy = np.sum((xs - x) * (ys - y)) / (xs.size - 1)
-    # variances along and across the principal axis
-    middle, reach = (xx + yy) / 2, math.hypot((xx - yy) / 2, xy)
-    if middle + reach < MIN_ASPECT**2 * (middle - reach):
-        return none
-    angle = -0.5 * math.atan2(2 * xy, xx - yy)
-    half = math.sqrt(3 * max(middle - reach, 1 / 12))
-    for _ in range(4):
-        c, s = math.cos(angle), math.sin(angle)
-        along = (xs - x) * c - (ys - y) * s
-        across = (xs - x) * s + (ys - y) * c
-        low, high = span(rows, columns, x, y, angle, half)
-        near = np.abs(across - upper_median(across)) < 1.3 * half + 1
-        if low < high:
-            near &= (along > low) & (along < high)
-        along, across = along[near], across[near]
-        if along.size < MIN_PIXELS:
-            return none
-        length = along.max() - along.min() + 1
-        centred = along - along.mean()
-        tilt = np.sum(centred * across) / np.sum(centred * centred)
-        half = max(0.5, along.size / length / 2)
-        if length < MIN_ASPECT * 2 * half:
-            return none
-        shift = across.mean() - tilt * along.mean()
-        x, y = x + shift * s, y + shift * c
-        angle -= math.atan(tilt)
-    return x, y, angle, half

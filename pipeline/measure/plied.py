@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.measure.axis import YarnAxis, find_line, straighten
+from pipeline.measure.axis import YarnAxis, straighten
+from pipeline.measure.find import find_line
 from pipeline.measure.lines import Image, Pixels, span
 from pipeline.measure.outline import MIN_PERIODS as MIN_SCALLOPS
 from pipeline.measure.outline import MIN_SHARE, outline, scallops, steep_as, why_not_of

@@ -121,6 +121,22 @@ def groove(profile: Array, offset: float, radius: float) -> float:
 
 
 @inner
+def relief(profile: Array) -> float:
+    """Return by how much a profile is higher between its ends than at both of them, or lower, over its range.
+
+    Not above 0 for an edge: what rises all the way from one end to the other is the boundary of something broader.
+
+    Parameters
+    ----------
+    profile : shape (2h + 1,).
+    """
+    first, last = background(profile)
+    between = profile[3:-3]
+    most = max(between.max() - max(first, last), min(first, last) - between.min())
+    return most / max(profile.max() - profile.min(), 1e-9)
+
+
+@inner
 def _rise(levels: Array) -> float:
     """Return by how much levels rise again, at most."""
     lowest, rise = math.inf, 0.0

@@ -39,7 +39,7 @@ from threadpoolctl import threadpool_limits
 
 from pipeline.errors import InputError, nearest
 from pipeline.measure.align import ALIGNED
-from pipeline.measure.axis import MAX_MISFIT, YarnAxis, expected, find_axis
+from pipeline.measure.axis import MAX_GROOVE, MAX_MISFIT, MIN_AGREEMENT, YarnAxis, expected, find_axis
 from pipeline.measure.clip_twist import MIN_CREDIBLE, clip_twist
 from pipeline.measure.hairs import hairiness
 from pipeline.measure.lines import Pixels, share_above
@@ -85,13 +85,9 @@ MAX_BLUR = 0.15
 FINE_BLUR = 0.05
 """Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
 that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
-MAX_GROOVE = 0.2
-"""Depth of a groove along the yarn, over the profile's range, from which on there are two yarns. Rendered single
-ones in any light have at most 0.05, two of about one brightness that touch or overlap 0.3 and more; a fainter one makes
-the profile unlike that of a round body."""
-MIN_STRAIGHT, MIN_STRAIGHT_ROUND = 0.85, 0.7
-"""Least share of the blocks that agree about an axis, for one without and with a credible diameter: what is neither
-round nor straight is the edge of something else or no thing at all, and its angle is not that of a yarn."""
+MIN_STRAIGHT = 0.85
+"""Least share of the blocks that agree about an axis without a credible diameter: what is neither round nor straight is
+the edge of something else or no thing at all, and its angle is not that of a yarn."""
 PAIRS = 100
 """Pairs of frames in a clip, about, that the helix' turn is looked at in."""
 COUNTED = 200
@@ -450,7 +446,7 @@ def _yarn(image: Pixels, axis: YarnAxis, method: str, plies: int, before: Pictur
     if method == "ply":
         return plied_yarn(image, axis, plies, before)
     doubt = _doubt(axis)
-    if axis.agreement < (MIN_STRAIGHT if doubt else MIN_STRAIGHT_ROUND):
+    if axis.agreement < (MIN_STRAIGHT if doubt else MIN_AGREEMENT):
         return YarnFound(None, FrameTwist(math.nan, 0.0, 0.0, ""), doubt)
     twist = tracer_twist(image, axis) if method == "tracer" else surface_twist(image, axis)
     if doubt and method == "surface" and not twist.reason:  # its surface is unrolled by the diameter

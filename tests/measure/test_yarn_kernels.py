@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import spline_filter1d
 
-from pipeline.measure import axis, twist
+from pipeline.measure import axis, find, twist
 from pipeline.measure.align import register
 from pipeline.measure.axis import find_axis, straighten
 from pipeline.measure.lines import block_means, share_above, step_across, unrolled
@@ -56,7 +56,7 @@ def test_the_reduced_frame_is_the_mean_of_its_pixels(shape, kind):
     pixels = (noise(2, shape) % np.iinfo(kind).max).astype(kind)
     rows, columns = shape[0] // 4, shape[1] // 4
     expected = pixels[: 4 * rows, : 4 * columns].reshape(rows, 4, columns, 4).mean(axis=(1, 3))
-    np.testing.assert_allclose(axis._reduced(pixels), expected, rtol=1e-7)
+    np.testing.assert_allclose(find._reduced(pixels), expected, rtol=1e-7)
 
 
 def test_the_background_is_a_quadratic_that_bright_things_do_not_bend():
@@ -64,7 +64,7 @@ def test_the_background_is_a_quadratic_that_bright_things_do_not_bend():
     image = 300 + 40 * u - 25 * v + 12 * u * u - 9 * u * v + 5 * v * v
     noisy = image + np.random.default_rng(4).normal(0, 1, image.shape)
     noisy[:, 45:52] += 1000
-    deviation = axis._deviation(noisy.astype(np.float32))
+    deviation = find._deviation(noisy.astype(np.float32))
     np.testing.assert_allclose(deviation, np.abs(noisy - image), atol=1.0)
 
 
