@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, as_gray, check_size, frame_error
+from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, as_pixels, check_size, frame_error
+from pipeline.ingest.orientation import exif_orientation, upright
 from pipeline.ingest.source import source
 from pipeline.ingest.tiff import TiffFrames
 from pipeline.records import Source
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_GRAY, PNG_RGB, PNG_GRAY_ALPHA, PNG_RGB_ALPHA = 0, 2, 4, 6
 SUFFIXES = {".png", ".bmp", ".tif", ".tiff"}
 
 
@@ -32,7 +34,7 @@ class ImageFrames:
         return len(self._files)
 
     def frame(self, index: int) -> Pixels:
-        """Frame `index`, shape (rows, columns), rows top-down; `InputError` if the file is missing or damaged."""
+        """Frame `index` as stored (`Clip.frames`), rows top-down; `InputError` if the file is missing or damaged."""
         file = self._files[index]
         if file is None:
             raise frame_error(self._folder, index, "missing: the numbering has a gap here")
@@ -109,12 +111,12 @@ def open_image(path: Path) -> Clip:
 
 
 def read_image(path: Path) -> Pixels:
-    """Read one gray image at full depth.
+    """Read one image at full depth, gray or RGB, upright.
 
     Raises
     ------
     InputError
-        If the file is damaged, is not what its name says, or is not gray with 8 or 16 bits.
+        If the file is damaged, is not what its name says, or has not 8 or 16 bits a channel.
     """
     if path.suffix.lower() in (".tif", ".tiff"):
         frames = TiffFrames(path)
@@ -124,7 +126,7 @@ def read_image(path: Path) -> Pixels:
             )
         return frames.frame(0)
     data = path.read_bytes()
-    return as_gray(_read_png(path, data) if path.suffix.lower() == ".png" else _read_bmp(path, data), path)
+    return as_pixels(_read_png(path, data) if path.suffix.lower() == ".png" else _read_bmp(path, data), path)
 
 
 def _read_png(path: Path, data: bytes) -> NDArray[np.generic]:
@@ -134,15 +136,17 @@ def _read_png(path: Path, data: bytes) -> NDArray[np.generic]:
         raise InputError(path, "cut short: no end chunk", "export it again")
     columns, rows, depth, colour = struct.unpack(">IIBB", chunks[0][1][:10])
     check_size(rows, columns, path)
-    if colour not in (0, 2) or depth not in (8, 16):
-        raise InputError(path, f"PNG colour type {colour} with {depth} bits", "export in gray with 8 or 16 bits")
+    if colour not in (PNG_GRAY, PNG_RGB, PNG_GRAY_ALPHA, PNG_RGB_ALPHA) or depth not in (8, 16):
+        raise InputError(path, f"PNG colour type {colour} with {depth} bits", "export in gray or RGB, 8 or 16 bits")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise InputError(path, f"damaged ({error.err})", "export it again") from error
     if image is None:
         raise InputError(path, "damaged: it does not decode", "export it again")
-    return image
+    exif = next((content for kind, content in chunks if kind == b"eXIf"), None)
+    image = upright(image, exif_orientation(exif, path) if exif else 1, path)
+    return image if image.ndim == 2 else image[..., [2, 1, 0, 3][: image.shape[2]]]
 
 
 def _png_chunks(path: Path, data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -168,20 +172,22 @@ def _read_bmp(path: Path, data: bytes) -> NDArray[np.generic]:
     start, header, columns, rows, _, depth, compression = struct.unpack_from("<IIiiHHI", data, 10)
     check_size(abs(rows), columns, path)
     if header < 40 or depth not in (8, 24) or compression:
-        raise InputError(path, f"BMP of {depth} bits, compression {compression}", "export in gray, 8 bit, uncompressed")
+        raise InputError(
+            path, f"BMP of {depth} bits, compression {compression}", "export with 8 or 24 bits, uncompressed"
+        )
     stride = (columns * depth // 8 + 3) // 4 * 4
     if len(data) < start + stride * abs(rows):
         raise InputError(path, "cut short", "export it again")
     stored = np.frombuffer(data, np.uint8, stride * abs(rows), start).reshape(abs(rows), stride)
-    upright = stored[:: -1 if rows > 0 else 1, : columns * depth // 8]
+    lines = stored[:: -1 if rows > 0 else 1, : columns * depth // 8]
     if depth == 24:
-        return upright.reshape(abs(rows), columns, 3)
+        return lines.reshape(abs(rows), columns, 3)[..., ::-1]
     colours = struct.unpack_from("<I", data, 46)[0] or 256
     palette = np.frombuffer(data[14 + header : 14 + header + 4 * min(colours, 256)], np.uint8)
-    palette = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
-    if int(upright.max()) >= len(palette):
+    palette = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, 2::-1]
+    if int(lines.max()) >= len(palette):
         raise InputError(path, f"a pixel beyond the palette of {len(palette)} colours", "export it again")
-    return palette[upright]
+    return palette[lines]
 
 
 def folder_source(folder: Path, root: Path | None, *, hashed: bool = True) -> Source:

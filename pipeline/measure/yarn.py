@@ -359,6 +359,7 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
             "reason": estimate.reason,
         }
     return {
+        "clip": dict(measurement.raw.metadata),
         "frames": len(measurement.flag),
         "fps": _number(measurement.raw.rate),
         "time_s": _numbers(measurement.raw.time),
