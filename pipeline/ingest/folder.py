@@ -1,4 +1,4 @@
-"""A numbered sequence of PNG, BMP or single-page TIFF files in a folder, or one such image."""
+"""A numbered sequence of PNG, BMP, JPEG or single-page TIFF files in a folder, or one such image."""
 
 import hashlib
 import itertools
@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, as_pixels, check_size, frame_error
+from pipeline.ingest.clip import HELD_LUMA, MAX_FRAMES, Clip, Pixels, as_pixels, check_size, frame_error
+from pipeline.ingest.jpeg import read_jpeg
 from pipeline.ingest.orientation import exif_orientation, upright
 from pipeline.ingest.source import source
 from pipeline.ingest.tiff import TiffFrames
@@ -21,7 +22,9 @@ from pipeline.records import Source
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_GRAY, PNG_RGB, PNG_GRAY_ALPHA, PNG_RGB_ALPHA = 0, 2, 4, 6
-SUFFIXES = {".png", ".bmp", ".tif", ".tiff"}
+JPEG = {".jpg", ".jpeg"}
+SUFFIXES = {".png", ".bmp", ".tif", ".tiff", *JPEG}
+LOSSY = {"compression": "JPEG: lossy, in blocks of 8 × 8 pixels", "colour": HELD_LUMA}
 
 
 class ImageFrames:
@@ -57,11 +60,13 @@ def open_folder(folder: Path) -> Clip:
     found = _images(folder)
     kinds = sorted({file.suffix.lower() for file in found})
     if not found:
-        raise InputError(folder, "a folder without PNG, BMP or TIFF images", "give the folder that holds the frames")
+        raise InputError(
+            folder, "a folder without PNG, BMP, JPEG or TIFF images", "give the folder that holds the frames"
+        )
     if len(kinds) > 1:
         raise InputError(folder, f"images of several kinds ({', '.join(kinds)})", "keep one sequence in a folder")
     if len(found) == 1:
-        return Clip(ImageFrames(folder, found), {"format": f"folder of {kinds[0]}"})
+        return Clip(ImageFrames(folder, found), _metadata(f"folder of {kinds[0]}", kinds[0]))
     numbered: dict[int, Path] = {}
     series: dict[tuple[str, str], Path] = {}
     for file in found:
@@ -88,7 +93,7 @@ def _images(folder: Path) -> list[Path]:
 
 def _sequence(folder: Path, numbered: dict[int, Path], kind: str) -> Clip:
     numbers = sorted(numbered)
-    metadata = {"format": f"folder of {kind}", "numbers": f"{numbers[0]} to {numbers[-1]}"}
+    metadata = _metadata(f"folder of {kind}", kind) | {"numbers": f"{numbers[0]} to {numbers[-1]}"}
     steps = [b - a for a, b in itertools.pairwise(numbers)]
     step = min(steps)
     if step > 1:
@@ -106,8 +111,12 @@ def _sequence(folder: Path, numbered: dict[int, Path], kind: str) -> Clip:
 
 
 def open_image(path: Path) -> Clip:
-    """One PNG or BMP file as a clip of one frame."""
-    return Clip(ImageFrames(path, [path]), {"format": path.suffix[1:].upper()})
+    """One PNG, BMP or JPEG file as a clip of one frame."""
+    return Clip(ImageFrames(path, [path]), _metadata(path.suffix[1:].upper(), path.suffix.lower()))
+
+
+def _metadata(form: str, suffix: str) -> dict[str, str]:
+    return {"format": form} | (LOSSY if suffix in JPEG else {})
 
 
 def read_image(path: Path) -> Pixels:
@@ -125,8 +134,8 @@ def read_image(path: Path) -> Pixels:
                 path, f"{len(frames)} pages", "one page a file, or one file with all pages outside a folder"
             )
         return frames.frame(0)
-    data = path.read_bytes()
-    return as_pixels(_read_png(path, data) if path.suffix.lower() == ".png" else _read_bmp(path, data), path)
+    reader = {".png": _read_png, ".bmp": _read_bmp}.get(path.suffix.lower(), read_jpeg)
+    return as_pixels(reader(path, path.read_bytes()), path)
 
 
 def _read_png(path: Path, data: bytes) -> NDArray[np.generic]:

@@ -19,8 +19,8 @@ from pipeline.ingest.tiff import open_tiff
 from pipeline.records import Array, Frames, RawVideo
 
 READABLE = (
-    "readable are Phantom .cine, Photron .mraw with .cihx, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, and a folder of "
-    "PNG, BMP or TIFF images"
+    "readable are Phantom .cine, Photron .mraw with .cihx, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, .jpg, and "
+    "a folder of PNG, BMP, JPEG or TIFF images"
 )
 
 Reader = Callable[[Path], Clip]
@@ -33,6 +33,7 @@ READERS: dict[str, tuple[Reader, set[str]]] = {
     "MP4": (open_container, {".mp4", ".m4v", ".mov"}),
     "PNG": (open_image, {".png"}),
     "BMP": (open_image, {".bmp"}),
+    "JPEG": (open_image, {".jpg", ".jpeg"}),
     "Photron": (open_photron, {".mraw", ".cihx", ".cih"}),
 }
 
@@ -149,6 +150,8 @@ def _kind(head: bytes) -> str | None:
         return "AVI"
     if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free"):
         return "MP4"
+    if head[:3] == b"\xff\xd8\xff":
+        return "JPEG"
     return starts.get(head[:4], "BMP" if head[:2] == b"BM" else None)
 
 

@@ -124,7 +124,7 @@ def test_a_name_that_contradicts_the_content(tmp_path, kind):
 def test_folders_that_are_no_sequence(tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
-    with pytest.raises(InputError, match="without PNG, BMP or TIFF images"):
+    with pytest.raises(InputError, match="without PNG, BMP, JPEG or TIFF images"):
         open_video(folder, fps=1.0)
     image = np.zeros((16, 16), np.uint8)
     cv2.imwrite(str(folder / "a1.png"), image)
