@@ -20,6 +20,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
@@ -35,7 +36,13 @@ HANG = 60.0
 EXTREME = (0, 1, 127, 128, 255)
 CASES = [
     (kind, target) for kind in KINDS for target in (("clip.mraw", "clip.cihx") if kind.startswith("mraw") else ("",))
-] + [("cine P10", ""), ("tif", "clip.xml"), ("tif", "clip.chd")]
+] + [
+    ("cine P10", ""),
+    ("tif", "clip.xml"),
+    ("tif", "clip.chd"),
+    ("folder .jpg", ""),
+    ("jpg progressive", ""),
+]
 """Kind of the clip, and the file that is damaged where it is not the clip itself."""
 
 
@@ -54,11 +61,14 @@ class Tally:
 
 def make(folder: Path, kind: str, target: str) -> tuple[Path, Path]:
     """Write a small clip; return what to open and which file to damage."""
-    frames = random_frames(6, 4, 16, 16, 8 if kind == "folder .bmp" else 12)
+    frames = random_frames(6, 4, 16, 16, 8 if kind in ("folder .bmp", "folder .jpg") else 12)
     stamps = [(1_700_000_000 << 32) + i * (1 << 22) for i in range(4)]
     if kind == "cine P10":
         path = folder / "clip.cine"
         path.write_bytes(cine_bytes(frames >> 2, 12, stamps, packing="P10"))
+    elif kind == "jpg progressive":
+        path = folder / "clip.jpg"
+        cv2.imwrite(str(path), random_frames(6, 40, 48, 3, 8), [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])
     else:
         path = write_clip(folder, kind, frames, 12)
     if target == "clip.chd":

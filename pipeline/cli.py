@@ -332,7 +332,9 @@ def bench(
     epilog="Example: yarnval measure data_samples/rig/case1/yarn.mkv --scale-um-per-px 5 --fps 1200 --axis-deg 90"
 )
 def measure(
-    clip: Annotated[Path, typer.Argument(help="A .cine, .mraw, TIFF, AVI or MKV clip, or a folder of images.")],
+    clip: Annotated[
+        Path, typer.Argument(help="A .cine, .mraw, TIFF, AVI, MKV or MP4 clip, an image, or a folder of images.")
+    ],
     scale_um_per_px: Annotated[float | None, typer.Option(help="Object scale, µm per pixel.")] = None,
     scale_u_um_per_px: Annotated[
         float | None, typer.Option(help="Standard uncertainty of --scale-um-per-px, in µm per pixel.")

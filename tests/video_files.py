@@ -19,11 +19,19 @@ def random_frames(seed: int, n: int, rows: int, columns: int, bits: int) -> np.n
     return frames.astype(np.uint8 if bits <= 8 else np.uint16)
 
 
-def write_container(path: Path, frames: np.ndarray, pixels: str, codec: str = "ffv1", rate: int = 25, **options: str):
-    """Frames already in the array layout of the pixel format `pixels`."""
+def write_container(
+    path: Path,
+    frames: np.ndarray,
+    pixels: str,
+    codec: str = "ffv1",
+    rate: int = 25,
+    rows: int | None = None,
+    **options: str,
+):
+    """Frames already in the array layout of the pixel format `pixels`; `rows` where that is not an array's height."""
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=rate, options=options)
-        stream.height, stream.width, stream.pix_fmt = frames.shape[1], frames.shape[2], pixels
+        stream.height, stream.width, stream.pix_fmt = rows or frames.shape[1], frames.shape[2], pixels
         for i, image in enumerate(frames):
             frame = av.VideoFrame.from_ndarray(image, format=pixels)
             frame.pts, frame.time_base = i, Fraction(1, rate)

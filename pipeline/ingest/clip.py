@@ -20,12 +20,20 @@ MAX_PIXELS = 1 << 28
 MAX_FRAMES = 1 << 24
 """Longer clips are taken for a damaged header: over an hour at 4000 1/s."""
 
+LUMA = (299, 587, 114)
+"""Weights of red, green and blue in the luma, in thousandths."""
+
+OWN_LUMA = "measured on its luma (BT.601)"
+HELD_LUMA = "where there is any, measured on the luma Y′ that is stored"
+"""What `metadata['colour']` says of frames in RGB, and of those whose format keeps the luma apart, coloured or not."""
+
 
 @dataclass(frozen=True, slots=True)
 class Clip:
     """A clip as one format's reader sees it."""
 
     frames: Frames
+    """As stored: a frame is (rows, columns), or (rows, columns, 3) of red, green and blue (see `luma`)."""
     metadata: Mapping[str, str]
     bits: int | None = None
     """Significant bits of a pixel where the file states them."""
@@ -50,31 +58,51 @@ def read_pixels(file: FileIO, size: int) -> NDArray[np.uint8]:
     return data[: file.readinto(data.data)]
 
 
-def as_gray(image: NDArray[np.generic], where: str | Path) -> Pixels:
-    """One channel of unsigned pixels, C-contiguous and in the machine's byte order.
+def as_pixels(image: NDArray[np.generic], where: str | Path) -> Pixels:
+    """Unsigned pixels, C-contiguous and in the machine's byte order, (rows, columns) or (rows, columns, 3).
 
     Parameters
     ----------
-    image : shape (rows, columns), or (rows, columns, 3) with three equal channels.
+    image : shape (rows, columns), or (rows, columns, channels): gray and alpha, RGB, or RGB and alpha. An alpha channel
+        that is opaque everywhere is dropped.
     where : the place to name in an error.
 
     Raises
     ------
     InputError
-        If the image has colour or an alpha channel, or if its pixels are not 8 or 16 bit unsigned integers.
+        If the image has an alpha channel that is not opaque, or other channels, or if its pixels are not 8 or 16 bit
+        unsigned integers.
     """
-    if image.ndim == 3 and image.shape[2] == 3:
-        first = image[..., 0]
-        if not (np.array_equal(first, image[..., 1]) and np.array_equal(first, image[..., 2])):
-            raise InputError(where, "colour: the red, green and blue channels differ", "record or export in gray")
-        image = first
-    if image.ndim != 2:
-        raise InputError(where, f"an image of shape {image.shape}", "export in gray, without an alpha channel")
     if image.dtype.kind != "u" or image.dtype.itemsize > 2:
         raise InputError(where, f"{image.dtype.name} pixels", "export as 8 or 16 bit unsigned integers")
+    if image.ndim == 3 and image.shape[2] in (2, 4):
+        if np.any(image[..., -1] != (1 << 8 * image.dtype.itemsize) - 1):
+            raise InputError(where, "an alpha channel that is not opaque", "export without transparency")
+        image = image[..., 0] if image.shape[2] == 2 else image[..., :3]
+    if image.ndim != 2 and image.shape[2:] != (3,):
+        raise InputError(where, f"an image of shape {image.shape}", "export in gray or RGB")
     if image.dtype.itemsize == 1:
         return np.ascontiguousarray(image, dtype=np.uint8)
     return np.ascontiguousarray(image, dtype=np.uint16)
+
+
+def luma(pixels: Pixels) -> Pixels:
+    """Gray levels of a frame: its luma, Y′ = 0.299 R′ + 0.587 G′ + 0.114 B′ of the stored values (ITU-R BT.601, 2.5.1).
+
+    Rounded to the nearest level, a half upwards; where the three are equal, exactly their value.
+
+    Parameters
+    ----------
+    pixels : shape (rows, columns), which is returned as it is, or (rows, columns, 3): red, green, blue.
+    """
+    if pixels.ndim == 2:
+        return pixels
+    red, green, blue = (pixels[..., i] * np.uint32(weight) for i, weight in enumerate(LUMA))
+    red += green
+    red += blue
+    red += np.uint32(500)
+    red //= np.uint32(1000)
+    return red.astype(np.uint8) if pixels.dtype == np.uint8 else red.astype(np.uint16)
 
 
 def count_frames(found: int, promised: int) -> int:

@@ -21,7 +21,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, as_gray, check_size, count_frames, frame_error
+from pipeline.ingest.clip import HELD_LUMA, MAX_FRAMES, Clip, Pixels, as_pixels, check_size, count_frames, frame_error
 
 MAX_REORDER = 16
 """Most packets that a decoder holds back before it gives a frame out (ITU-T H.264: the picture buffer)."""
@@ -47,7 +47,7 @@ class ContainerFrames:
         return self.count
 
     def frame(self, index: int) -> Pixels:
-        """Frame `index`, shape (rows, columns), rows top-down; `InputError` if it is missing, damaged or in colour."""
+        """Frame `index` as stored (`Clip.frames`), rows top-down; `InputError` if it is missing or damaged."""
         if index >= len(self._packet_of):
             raise frame_error(self._path, index, f"missing: the file ends after {len(self._packet_of)} frames")
         packet = int(self._packet_of[index])
@@ -222,7 +222,7 @@ def open_container(path: Path) -> Clip:
     Raises
     ------
     InputError
-        If the file cannot be opened, has no frames, or has a pixel format that is neither gray nor convertible to it.
+        If the file cannot be opened, has no frames, or has a pixel format that is neither gray nor has a known luma.
     """
     frames = ContainerFrames(path)
     stream = frames.stream
@@ -240,6 +240,7 @@ def open_container(path: Path) -> Clip:
         metadata["playback_rate"] = f"{float(stream.average_rate):g}"
     if name.startswith("yuv"):
         wide = name.startswith("yuvj") or stream.codec_context.color_range == 2
+        metadata["colour"] = HELD_LUMA
         metadata["levels"] = "full range" if wide else "limited range: black and white are at 16/255 and 235/255"
     return Clip(frames, metadata, bits=None if depth == 16 else depth, sequential=True)
 
@@ -276,24 +277,19 @@ def _pixels(frame: av.VideoFrame, where: str) -> Pixels:
     if frame.rotation % 360:
         raise InputError(where, f"turned by {frame.rotation}° for display", "export it upright")
     if GRAY.fullmatch(name):
-        return as_gray(frame.to_ndarray(), where)
+        return as_pixels(frame.to_ndarray(), where)
     if name == "pal8":
         index, palette = frame.to_ndarray()
-        return as_gray(palette[:, 1:][index], where)
+        return as_pixels(palette[:, 1:][index], where)
     if name in RGB:
-        return as_gray(frame.to_ndarray(format="rgb24"), where)
+        return as_pixels(frame.to_ndarray(format="rgb24"), where)
     if PLANAR_YUV.fullmatch(name):
-        luma, *chroma = (_plane(frame, i) for i in range(3))
-        neutral = 1 << (frame.format.components[0].bits - 1)
-        # A lossy codec may leave a gray frame's chroma a level or two off.
-        if any(np.any(np.abs(plane.astype(np.int32) - neutral) > neutral // 64) for plane in chroma):
-            raise InputError(where, "colour: its chroma is not neutral", "record or export in gray")
-        return as_gray(luma, where)
+        return as_pixels(_luma_plane(frame), where)
     raise InputError(where, f"pixel format {name}", "export as FFV1 in gray, gray10le, gray12le or gray16le")
 
 
-def _plane(frame: av.VideoFrame, number: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    plane = frame.planes[number]
+def _luma_plane(frame: av.VideoFrame) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    plane = frame.planes[0]
     deep = frame.format.components[0].bits > 8
     rows = np.frombuffer(memoryview(plane), "<u2" if deep else "u1").reshape(plane.height, -1)
     return rows[:, : plane.width]

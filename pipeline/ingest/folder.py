@@ -1,4 +1,4 @@
-"""A numbered sequence of PNG, BMP or single-page TIFF files in a folder, or one such image."""
+"""A numbered sequence of PNG, BMP, JPEG or single-page TIFF files in a folder, or one such image."""
 
 import hashlib
 import itertools
@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.ingest.clip import MAX_FRAMES, Clip, Pixels, as_gray, check_size, frame_error
+from pipeline.ingest.clip import HELD_LUMA, MAX_FRAMES, Clip, Pixels, as_pixels, check_size, frame_error
+from pipeline.ingest.jpeg import read_jpeg
+from pipeline.ingest.orientation import exif_orientation, upright
 from pipeline.ingest.source import source
 from pipeline.ingest.tiff import TiffFrames
 from pipeline.records import Source
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-SUFFIXES = {".png", ".bmp", ".tif", ".tiff"}
+PNG_GRAY, PNG_RGB, PNG_GRAY_ALPHA, PNG_RGB_ALPHA = 0, 2, 4, 6
+JPEG = {".jpg", ".jpeg"}
+SUFFIXES = {".png", ".bmp", ".tif", ".tiff", *JPEG}
+LOSSY = {"compression": "JPEG: lossy, in blocks of 8 × 8 pixels", "colour": HELD_LUMA}
 
 
 class ImageFrames:
@@ -32,7 +37,7 @@ class ImageFrames:
         return len(self._files)
 
     def frame(self, index: int) -> Pixels:
-        """Frame `index`, shape (rows, columns), rows top-down; `InputError` if the file is missing or damaged."""
+        """Frame `index` as stored (`Clip.frames`), rows top-down; `InputError` if the file is missing or damaged."""
         file = self._files[index]
         if file is None:
             raise frame_error(self._folder, index, "missing: the numbering has a gap here")
@@ -55,11 +60,13 @@ def open_folder(folder: Path) -> Clip:
     found = _images(folder)
     kinds = sorted({file.suffix.lower() for file in found})
     if not found:
-        raise InputError(folder, "a folder without PNG, BMP or TIFF images", "give the folder that holds the frames")
+        raise InputError(
+            folder, "a folder without PNG, BMP, JPEG or TIFF images", "give the folder that holds the frames"
+        )
     if len(kinds) > 1:
         raise InputError(folder, f"images of several kinds ({', '.join(kinds)})", "keep one sequence in a folder")
     if len(found) == 1:
-        return Clip(ImageFrames(folder, found), {"format": f"folder of {kinds[0]}"})
+        return Clip(ImageFrames(folder, found), _metadata(f"folder of {kinds[0]}", kinds[0]))
     numbered: dict[int, Path] = {}
     series: dict[tuple[str, str], Path] = {}
     for file in found:
@@ -86,7 +93,7 @@ def _images(folder: Path) -> list[Path]:
 
 def _sequence(folder: Path, numbered: dict[int, Path], kind: str) -> Clip:
     numbers = sorted(numbered)
-    metadata = {"format": f"folder of {kind}", "numbers": f"{numbers[0]} to {numbers[-1]}"}
+    metadata = _metadata(f"folder of {kind}", kind) | {"numbers": f"{numbers[0]} to {numbers[-1]}"}
     steps = [b - a for a, b in itertools.pairwise(numbers)]
     step = min(steps)
     if step > 1:
@@ -104,17 +111,21 @@ def _sequence(folder: Path, numbered: dict[int, Path], kind: str) -> Clip:
 
 
 def open_image(path: Path) -> Clip:
-    """One PNG or BMP file as a clip of one frame."""
-    return Clip(ImageFrames(path, [path]), {"format": path.suffix[1:].upper()})
+    """One PNG, BMP or JPEG file as a clip of one frame."""
+    return Clip(ImageFrames(path, [path]), _metadata(path.suffix[1:].upper(), path.suffix.lower()))
+
+
+def _metadata(form: str, suffix: str) -> dict[str, str]:
+    return {"format": form} | (LOSSY if suffix in JPEG else {})
 
 
 def read_image(path: Path) -> Pixels:
-    """Read one gray image at full depth.
+    """Read one image at full depth, gray or RGB, upright.
 
     Raises
     ------
     InputError
-        If the file is damaged, is not what its name says, or is not gray with 8 or 16 bits.
+        If the file is damaged, is not what its name says, or has not 8 or 16 bits a channel.
     """
     if path.suffix.lower() in (".tif", ".tiff"):
         frames = TiffFrames(path)
@@ -123,8 +134,8 @@ def read_image(path: Path) -> Pixels:
                 path, f"{len(frames)} pages", "one page a file, or one file with all pages outside a folder"
             )
         return frames.frame(0)
-    data = path.read_bytes()
-    return as_gray(_read_png(path, data) if path.suffix.lower() == ".png" else _read_bmp(path, data), path)
+    reader = {".png": _read_png, ".bmp": _read_bmp}.get(path.suffix.lower(), read_jpeg)
+    return as_pixels(reader(path, path.read_bytes()), path)
 
 
 def _read_png(path: Path, data: bytes) -> NDArray[np.generic]:
@@ -134,15 +145,17 @@ def _read_png(path: Path, data: bytes) -> NDArray[np.generic]:
         raise InputError(path, "cut short: no end chunk", "export it again")
     columns, rows, depth, colour = struct.unpack(">IIBB", chunks[0][1][:10])
     check_size(rows, columns, path)
-    if colour not in (0, 2) or depth not in (8, 16):
-        raise InputError(path, f"PNG colour type {colour} with {depth} bits", "export in gray with 8 or 16 bits")
+    if colour not in (PNG_GRAY, PNG_RGB, PNG_GRAY_ALPHA, PNG_RGB_ALPHA) or depth not in (8, 16):
+        raise InputError(path, f"PNG colour type {colour} with {depth} bits", "export in gray or RGB, 8 or 16 bits")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise InputError(path, f"damaged ({error.err})", "export it again") from error
     if image is None:
         raise InputError(path, "damaged: it does not decode", "export it again")
-    return image
+    exif = next((content for kind, content in chunks if kind == b"eXIf"), None)
+    image = upright(image, exif_orientation(exif, path) if exif else 1, path)
+    return image if image.ndim == 2 else image[..., [2, 1, 0, 3][: image.shape[2]]]
 
 
 def _png_chunks(path: Path, data: bytes) -> Iterator[tuple[bytes, bytes]]:
@@ -168,20 +181,22 @@ def _read_bmp(path: Path, data: bytes) -> NDArray[np.generic]:
     start, header, columns, rows, _, depth, compression = struct.unpack_from("<IIiiHHI", data, 10)
     check_size(abs(rows), columns, path)
     if header < 40 or depth not in (8, 24) or compression:
-        raise InputError(path, f"BMP of {depth} bits, compression {compression}", "export in gray, 8 bit, uncompressed")
+        raise InputError(
+            path, f"BMP of {depth} bits, compression {compression}", "export with 8 or 24 bits, uncompressed"
+        )
     stride = (columns * depth // 8 + 3) // 4 * 4
     if len(data) < start + stride * abs(rows):
         raise InputError(path, "cut short", "export it again")
     stored = np.frombuffer(data, np.uint8, stride * abs(rows), start).reshape(abs(rows), stride)
-    upright = stored[:: -1 if rows > 0 else 1, : columns * depth // 8]
+    lines = stored[:: -1 if rows > 0 else 1, : columns * depth // 8]
     if depth == 24:
-        return upright.reshape(abs(rows), columns, 3)
+        return lines.reshape(abs(rows), columns, 3)[..., ::-1]
     colours = struct.unpack_from("<I", data, 46)[0] or 256
     palette = np.frombuffer(data[14 + header : 14 + header + 4 * min(colours, 256)], np.uint8)
-    palette = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, :3]
-    if int(upright.max()) >= len(palette):
+    palette = palette[: len(palette) // 4 * 4].reshape(-1, 4)[:, 2::-1]
+    if int(lines.max()) >= len(palette):
         raise InputError(path, f"a pixel beyond the palette of {len(palette)} colours", "export it again")
-    return palette[upright]
+    return palette[lines]
 
 
 def folder_source(folder: Path, root: Path | None, *, hashed: bool = True) -> Source:

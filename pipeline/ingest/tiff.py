@@ -12,19 +12,19 @@ from pathlib import Path
 from tifffile import TiffFile, TiffPage
 
 from pipeline.errors import InputError
-from pipeline.ingest.clip import Clip, Pixels, as_gray, check_size, count_frames, frame_error
+from pipeline.ingest.clip import Clip, Pixels, as_pixels, check_size, count_frames, frame_error
+from pipeline.ingest.orientation import ORIENTATION, upright
 
 # tifffile logs what it then also raises or what is checked here; without a handler Python prints it to stderr.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 MIN_IS_BLACK, RGB = 1, 2
+SAMPLES = {MIN_IS_BLACK: (1, 2), RGB: (3, 4)}
+"""Of a pixel, by photometric interpretation: without and with an alpha channel."""
 UNCOMPRESSED = 1
 UNSIGNED = 1
 MAX_COMPRESSION = 4096
 """Above what deflate (1032) and LZW (2730, a string of 4096 bytes in 12 bits) can reach."""
-ORIENTATION = 274
-UPRIGHT = {1: (1, 1), 2: (1, -1), 3: (-1, -1), 4: (-1, 1)}
-"""Steps along rows and columns that make an image upright, by the orientation tag; 5 to 8 are also transposed."""
 
 
 class TiffFrames:
@@ -46,7 +46,7 @@ class TiffFrames:
         return self._count
 
     def frame(self, index: int) -> Pixels:
-        """Frame `index`, shape (rows, columns), rows top-down; `InputError` if it is cut short, damaged or not gray."""
+        """Frame `index` as stored (`Clip.frames`), rows top-down; `InputError` if it is cut short or damaged."""
         where = f"{self._path}: frame {index}"
         try:
             page, skipped = self._page(index)
@@ -57,11 +57,7 @@ class TiffFrames:
                 image = self._file.filehandle.read_array(kind, page.size, first).reshape(page.shape)
             else:
                 image = page.asarray(maxworkers=1)
-            orientation = page.tags.valueof(ORIENTATION, default=1)
-            step = UPRIGHT.get(orientation)
-            if step is None:
-                raise InputError(where, f"stored turned (orientation {orientation})", "export it upright")
-            return as_gray(image[:: step[0], :: step[1]], where)
+            return as_pixels(upright(image, page.tags.valueof(ORIENTATION, default=1), where), where)
         except InputError:
             raise
         except Exception as error:  # as in __init__
@@ -79,8 +75,9 @@ class TiffFrames:
 
     def _check(self, page: TiffPage, index: int, skipped: int) -> None:
         where = f"{self._path}: frame {index}"
-        if page.axes not in ("YX", "YXS") or page.photometric not in (MIN_IS_BLACK, RGB):
-            raise InputError(where, f"pixels {page.axes}, photometric {page.photometric}", "export in gray, 0 = black")
+        if page.axes not in ("YX", "YXS") or page.samplesperpixel not in SAMPLES.get(page.photometric, ()):
+            found = f"pixels {page.axes}, photometric {page.photometric}, {page.samplesperpixel} samples"
+            raise InputError(where, found, "export in gray, 0 = black, or RGB")
         if page.bitspersample not in (8, 16):
             raise InputError(where, f"{page.bitspersample} bits per sample", "export with 8 or 16 bits per sample")
         if page.sampleformat != UNSIGNED:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.errors import InputError
 from pipeline.ingest.cine import open_cine
-from pipeline.ingest.clip import Clip, Pixels
+from pipeline.ingest.clip import OWN_LUMA, Clip, Pixels, luma
 from pipeline.ingest.container import open_container
 from pipeline.ingest.folder import folder_source, open_folder, open_image
 from pipeline.ingest.photron import open_photron
@@ -19,8 +19,8 @@ from pipeline.ingest.tiff import open_tiff
 from pipeline.records import Array, Frames, RawVideo
 
 READABLE = (
-    "readable are Phantom .cine, Photron .mraw with .cihx, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, and a folder of "
-    "PNG, BMP or TIFF images"
+    "readable are Phantom .cine, Photron .mraw with .cihx, .tif, .avi, .mkv, .mp4, .mov, .png, .bmp, .jpg, and "
+    "a folder of PNG, BMP, JPEG or TIFF images"
 )
 
 Reader = Callable[[Path], Clip]
@@ -33,6 +33,7 @@ READERS: dict[str, tuple[Reader, set[str]]] = {
     "MP4": (open_container, {".mp4", ".m4v", ".mov"}),
     "PNG": (open_image, {".png"}),
     "BMP": (open_image, {".bmp"}),
+    "JPEG": (open_image, {".jpg", ".jpeg"}),
     "Photron": (open_photron, {".mraw", ".cihx", ".cih"}),
 }
 
@@ -44,10 +45,10 @@ DEPTHS = (8, 10, 12, 14, 16)
 
 
 class UniformFrames:
-    """A clip's frames, each held against the shape and the depth of the first readable one."""
+    """A clip's frames in gray, each held against the shape and the depth of the first readable one."""
 
     def __init__(self, frames: Frames, path: Path, first: Pixels):
-        self._frames, self._path, self._shape, self._dtype = frames, path, first.shape, first.dtype
+        self._frames, self._path, self._shape, self._dtype = frames, path, first.shape[:2], first.dtype
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -56,7 +57,7 @@ class UniformFrames:
         """Frame `index` from 0, shape (rows, columns); see `pipeline.records.Frames`."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
-        image = self._frames.frame(index)
+        image = luma(self._frames.frame(index))
         if image.shape != self._shape or image.dtype != self._dtype:
             raise InputError(
                 f"{self._path}: frame {index}",
@@ -84,7 +85,7 @@ def open_video(
     Raises
     ------
     InputError
-        If the file is missing, empty, in colour, of unknown or contradictory kind, has no readable frame, or if the
+        If the file is missing, empty, of unknown or contradictory kind, has no readable frame, or if the
         recording rate is missing. Single unreadable frames raise it only when they are asked for.
     """
     if fps is not None and not (math.isfinite(fps) and fps > 0):
@@ -103,6 +104,8 @@ def open_video(
         metadata["beside"] = "; ".join(f"{file.name}, SHA-256 {file.sha256}" for file in files)
     time, rate = _times(path, clip, fps, metadata)
     _, image = _first_readable(clip.frames)
+    if image.ndim == 3:
+        metadata["colour"] = OWN_LUMA
     frames = UniformFrames(clip.frames, path, image)
     depth = _bits(path, frames, clip.bits, bits, metadata)
     shape = (image.shape[0], image.shape[1])
@@ -147,6 +150,8 @@ def _kind(head: bytes) -> str | None:
         return "AVI"
     if head[4:8] in (b"ftyp", b"moov", b"mdat", b"wide", b"free"):
         return "MP4"
+    if head[:3] == b"\xff\xd8\xff":
+        return "JPEG"
     return starts.get(head[:4], "BMP" if head[:2] == b"BM" else None)
 
 

@@ -355,6 +355,7 @@ def measure_json(measurement: YarnMeasurement) -> dict[str, object]:
             "reason": estimate.reason,
         }
     return {
+        "clip": dict(measurement.raw.metadata),
         "frames": len(measurement.flag),
         "fps": _number(measurement.raw.rate),
         "time_s": _numbers(measurement.raw.time),
@@ -618,7 +619,7 @@ def _reason(
         text, _ = doubts.most_common(1)[0]
         parts.append(f"the diameter is not credible in {sum(doubts.values())} of {n} frames: {text}")
     if video.bits <= REDUCED_BITS:
-        parts.append(f"the clip holds {video.bits} bits where the camera's depth is 12: the texture's depth is lost")
+        parts.append(f"the clip holds {video.bits} bits, a high-speed camera gives 12: the texture's depth is reduced")
     if not math.isfinite(scale.relative_u):
         parts.append("the scale's uncertainty is not stated: u of diameter and twist lack it")
     return "; ".join(parts)

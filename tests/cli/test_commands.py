@@ -7,10 +7,12 @@ import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import study_folders as studies
 import tifffile
+from yarn_frames import yarn
 
 DATA = Path(__file__).parents[2] / "data_samples"
 
@@ -182,6 +184,34 @@ def test_measure_overlay(yarnval, tmp_path):
     ran = yarnval(*call, clip.parent)
     assert ran.code == 2
     assert "holds 'case.toml', which is not part of an overlay" in ran.line
+
+
+@pytest.mark.parametrize(("quality", "frames"), [(75, 1), (90, 4)])
+def test_measure_coloured_photographs(yarnval, tmp_path, quality, frames):
+    """Synthetic: brown yarn on green, JPEG with chroma at half resolution; one still, and a folder."""
+    gray = [
+        yarn(3, shape=(300, 400), tan_beta=0.5, angle=62, diameter=40.0, phase=0.4 * i, travel=7.0 * i)[0] / 4095
+        for i in range(frames)
+    ]
+    folder = tmp_path / "photographs"
+    folder.mkdir()
+    for i, level in enumerate(gray):
+        bright = np.clip((level - 0.15) / 0.2, 0, 1)[..., None]
+        tint = (1 - bright) * [90, 120, 40] + bright * [60, 120, 200]  # blue, green, red
+        picture = level[..., None] * tint / (tint @ [0.114, 0.587, 0.299])[..., None] * 255
+        options = [cv2.IMWRITE_JPEG_QUALITY, quality]
+        cv2.imwrite(str(folder / f"yarn_{i}.jpg"), picture.round().clip(0, 255).astype(np.uint8), options)
+    clip = folder if frames > 1 else folder / "yarn_0.jpg"
+    call = ("measure", clip, "--scale-um-per-px", 4, "--fps", 10, "--overlay", tmp_path / "look", "--json")
+    found = json.loads(yarnval(*call).out)
+    assert found["clip"]["colour"] == "where there is any, measured on the luma Y′ that is stored"
+    assert found["clip"]["compression"].startswith("JPEG: lossy")
+    means = {name: part["mean"] for name, part in found["summary"].items()}
+    assert means["axis_angle_deg"] == pytest.approx(62, abs=0.1)
+    assert means["diameter_mm"] == pytest.approx(0.16, rel=0.01)
+    assert means["twist_tpm"] == pytest.approx(0.5 / (math.pi * 0.16e-3), rel=0.05)
+    assert len(list((tmp_path / "look").iterdir())) == frames + 1
+    assert "clip.compression: JPEG: lossy" in yarnval(*call[:6]).out
 
 
 def test_measure_takes_scale_and_axis_from_the_cylinder(yarnval, tmp_path):

@@ -124,7 +124,7 @@ def test_a_name_that_contradicts_the_content(tmp_path, kind):
 def test_folders_that_are_no_sequence(tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()
-    with pytest.raises(InputError, match="without PNG, BMP or TIFF images"):
+    with pytest.raises(InputError, match="without PNG, BMP, JPEG or TIFF images"):
         open_video(folder, fps=1.0)
     image = np.zeros((16, 16), np.uint8)
     cv2.imwrite(str(folder / "a1.png"), image)
@@ -142,24 +142,19 @@ def test_folders_that_are_no_sequence(tmp_path):
         open_video(folder, fps=1.0)
 
 
-def test_colour_float_and_signed_pixels_are_refused(tmp_path):
+def test_transparent_float_and_signed_pixels_are_refused(tmp_path):
     gray = random_frames(1, 2, 32, 32, 8)
-    colour = np.stack((gray, gray, gray // 2), axis=3)
-    tifffile.imwrite(tmp_path / "c.tif", colour, photometric="rgb")
-    cv2.imwrite(str(tmp_path / "c.png"), colour[0])
-    write_container(tmp_path / "c.avi", colour, "bgr24", codec="rawvideo")
-    for name in ("c.tif", "c.png", "c.avi"):
-        with pytest.raises(InputError, match="colour"):
-            open_video(tmp_path / name, fps=1.0)
     tifffile.imwrite(tmp_path / "f.tif", gray.astype(np.float32))
     tifffile.imwrite(tmp_path / "i.tif", gray.astype(np.int16))
     tifffile.imwrite(tmp_path / "w.tif", gray, photometric="miniswhite")
+    tifffile.imwrite(tmp_path / "s.tif", gray[..., :3], photometric="minisblack", planarconfig="contig")
     cv2.imwrite(str(tmp_path / "a.png"), np.dstack((gray[0], gray[0], gray[0], gray[0])))
     for name, message in (
         ("f.tif", "32 bits"),
         ("i.tif", "int16"),
         ("w.tif", "photometric"),
-        ("a.png", "colour type 6"),
+        ("s.tif", "3 samples"),
+        ("a.png", "alpha channel"),
     ):
         with pytest.raises(InputError, match=message):
             open_video(tmp_path / name, fps=1.0)

@@ -211,17 +211,6 @@ def test_imagej_stack_with_one_description(tmp_path):
     assert_same(open_video(path, fps=1.0), frames)
 
 
-@pytest.mark.parametrize(
-    ("orientation", "upright"),
-    [(1, np.s_[:, :]), (2, np.s_[:, ::-1]), (3, np.s_[::-1, ::-1]), (4, np.s_[::-1, :])],
-)
-def test_tiff_orientation_is_applied(tmp_path, orientation, upright):
-    frame = random_frames(4, 1, 16, 20, 12)[0]
-    path = tmp_path / "a.tif"
-    tifffile.imwrite(path, frame, extratags=[(274, "H", 1, orientation, True)])
-    assert_same(open_video(path, fps=1.0), frame[upright][None])
-
-
 @pytest.mark.parametrize("kind", ["cine", "tif", "mkv", "folder .png"])
 def test_memory_does_not_grow_with_the_clip(tmp_path, kind):
     """160 frames of 64 KiB are 10 MiB; reading them all may hold a few at a time."""

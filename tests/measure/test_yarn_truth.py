@@ -207,7 +207,7 @@ def test_json_has_the_contract_s_keys_and_no_nan():
     assert set(document) == {
         "frames", "fps", "time_s", "axis_angle_deg", "twist_tpm", "diameter_mm", "confidence", "flag", "summary",
         "method", "handedness", "reason", "hairiness_per_m", "helix_rotation_per_s", "sagitta_mm",
-        "diameter_cv_along_yarn_percent",
+        "diameter_cv_along_yarn_percent", "clip",
     }  # fmt: skip
     assert set(document["summary"]) == {
         "theta_B_deg", "axis_angle_deg", "twist_tpm", "diameter_mm", "hairiness_per_m", "helix_rotation_per_s",
