@@ -355,7 +355,7 @@ def measure(
         str, typer.Option(help="Twist method: surface (single yarn), ply (with --plies) or tracer (one dyed fibre).")
     ] = "surface",
     slope_ratio: Annotated[
-        float | None, typer.Option(help="Twist by the fibres' slope over that by direct counting, of this yarn.")
+        float | None, typer.Option(help="Twist by the slope of fibres, or tracer, over that by direct counting.")
     ] = None,
     slope_ratio_u: Annotated[float | None, typer.Option(help="Standard uncertainty of --slope-ratio.")] = None,
     plies: Annotated[int | None, typer.Option(help="Strands of a plied yarn, 2 or more, for --method ply.")] = None,
@@ -486,15 +486,15 @@ def _u_of_angle(option: str, u_deg: float | None) -> float:
 
 
 def _ratio_option(value: float | None, u: float | None, method: str) -> "SlopeRatio | None":
-    """Return the ratio of the fibres' slope to direct counting as given."""
+    """Return the ratio of the slope to direct counting as given."""
     from pipeline.records import SlopeRatio
 
     if value is None and u is None:
         return None
     if value is None or u is None or not (0 < value < math.inf and 0 <= u < math.inf):
         raise InputError("--slope-ratio", f"found {value} with --slope-ratio-u {u}", "give both, greater than 0")
-    if method != "surface":
-        raise InputError("--slope-ratio", f"given with --method {method}", "it is for --method surface: leave it out")
+    if method == "ply":
+        raise InputError("--slope-ratio", "given with --method ply", "it is for fibres' slope: leave it out")
     return SlopeRatio(value, u)
 
 

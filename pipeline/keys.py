@@ -174,7 +174,7 @@ class RawKeys(Keys):
     tilt_u_deg: Annotated[float, Field(ge=0, lt=45)] | None = None
     """Standard uncertainty of the yarn's tilt out of the image plane."""
     slope_ratio: Number | None = None
-    """Twist by the fibres' slope over that by direct counting, of this kind of yarn."""
+    """Twist by the slope of fibres, or of a tracer, over that by direct counting, of this kind of yarn."""
     method: Literal["surface", "ply", "tracer"] = "surface"
     plies: Annotated[int, Field(ge=2, le=12)] | None = None
     """Strands of a plied yarn, for the method 'ply'."""
@@ -190,8 +190,8 @@ class RawKeys(Keys):
         ratio = self.slope_ratio
         if ratio is not None and not (ratio.value > 0 and math.isfinite(ratio.standard_uncertainty)):
             raise ValueError("give 'slope_ratio' as {value, u} or {value, cv_percent}, its value greater than 0")
-        if ratio is not None and self.method != "surface":
-            raise ValueError("'slope_ratio' is for method = 'surface': leave it out")
+        if ratio is not None and self.method == "ply":
+            raise ValueError("'slope_ratio' is for the slope of fibres, not for method = 'ply': leave it out")
         return self
 
 

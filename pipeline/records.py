@@ -177,7 +177,7 @@ class CylinderAxis:
 
 @dataclass(frozen=True, slots=True)
 class SlopeRatio:
-    """Twist that the slope of a single yarn's fibres tells over that by direct counting (ISO 2061), of one yarn."""
+    """Twist that the slope of fibres, or of a tracer, tells over that by direct counting (ISO 2061), of one yarn."""
 
     value: float
     u: float

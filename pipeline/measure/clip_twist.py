@@ -16,6 +16,8 @@ METHOD_U: Mapping[str, float] = {"surface": 0.005, "ply": 0.003, "tracer": 0.015
 yarn of 20 to 60 px, see benchmarks/measure_coverage.py and its accepted result; of the slope of fibres what is left
 where they scatter least (`scatter.py` tells by how much they do). For a tracer it is mostly how far one fibre lies off
 the helix."""
+U_PASS = 0.03
+"""The same for the slope of one pass of a tracer at a known depth."""
 U_SCATTER = 0.015
 """The same for fibres whose scatter cannot be told."""
 U_DEPTH = 0.08
@@ -24,8 +26,14 @@ outline is not known. On a painted cylinder it is the outline, R; fibres of radi
 R − r, for cotton of 12 to 20 µm in a yarn of 0.16 mm at 0.87 to 0.93 R, and dive from there. This is the root mean
 square of a rectangle from 0 to 14 %. Of the clips "deep" of benchmarks/measure_coverage.py, whose fibres run that deep,
 twice u holds 86 %, of those that are painted on the outline all, of all kinds together 94 %."""
+U_DEPTH_PASS = 0.12
+"""The same for the slope of one pass of a tracer, which is that of a line over all of the face that is used, evenly. A
+fibre at (1 − δ)R is seen at γ = asin((1 − δ) sin γ'): over ±53° of γ its slope is 18 % too small at δ = 14 %, and
+this is the root mean square of what that slope is to be raised by."""
 U_TURN = 0.003
 """The same for the length of a full turn, of which fibres return (`recurrence.py`)."""
+PASS_ONLY = "one pass of the tracer fibre is seen, and in other frames a turn"
+"""Why a frame of a tracer does not count."""
 MIN_CREDIBLE = 0.3
 """Share of the frames with yarn whose twist, or diameter, must be credible: fewer are so by chance."""
 MAX_OTHER_HAND = 0.2
@@ -40,17 +48,18 @@ class ClipTwist:
     """Turns per pixel of each frame, Z > 0; NaN where not credible."""
     relative_u: Mapping[str, float]
     """Relative standard uncertainties common to all frames, by name: 'method'; of a single yarn 'fibres', their
-    scatter about the helix, and 'depth', how far they run below the outline; of a plied one 'texture', what fibres and
-    background make of the strands' period."""
-    other_hand: int
-    """Frames whose twist was taken away because of their hand."""
-    reason: str
-    """Why, with the frames of each hand; empty where there is but one."""
+    scatter about the helix, and 'depth', how far they run below the outline, also of a tracer of which one pass is
+    seen; of a plied one 'texture', what fibres and background make of the strands' period."""
+    left_out: Mapping[str, int]
+    """Frames whose twist was taken away, by the reason."""
+    note: str
+    """What of a tracer the twist is from; empty for other methods, and where there is none."""
 
 
 def clip_twist(
     frames: Array,
     u_frames: Array,
+    one_pass: NDArray[np.bool_],
     yarn: NDArray[np.bool_],
     faces: Sequence[tuple[Face, Recurrence | None]],
     method: str,
@@ -62,15 +71,29 @@ def clip_twist(
     ----------
     frames : turns per pixel of each frame, Z > 0, NaN where not credible, shape (n,).
     u_frames : standard uncertainty of each by what it does not explain [1/px], NaN where not told, shape (n,).
+    one_pass : whether it is that of one pass of a tracer, shape (n,).
     yarn : whether there is yarn in it, shape (n,).
     faces : of the frames that were looked at for a full turn.
     method : a name of `METHOD_U`.
     ratio : that the slope of the fibres is to be divided by, where it is known.
     """
     twist, other_hand, reason = _one_hand(frames)
-    if np.count_nonzero(np.isfinite(twist)) < MIN_CREDIBLE * np.count_nonzero(yarn):
-        twist = np.full(frames.size, math.nan)
-    u = {"method": METHOD_U[method]}
+    left_out = {reason: other_hand} if other_hand else {}
+    least = MIN_CREDIBLE * np.count_nonzero(yarn)
+    u, note = {"method": METHOD_U[method]}, ""
+    passes = one_pass & np.isfinite(twist)
+    if method == "tracer" and np.count_nonzero(np.isfinite(twist) & ~passes) >= least:
+        note = "of the tracer fibre a turn or more is seen"
+        twist = np.where(passes, math.nan, twist)
+        if np.any(passes):
+            left_out[PASS_ONLY] = int(np.count_nonzero(passes))
+    elif method == "tracer":
+        note = "of the tracer fibre one pass is seen: the twist is by its slope"
+        u = {"method": U_PASS, "depth": U_DEPTH_PASS}
+        if ratio is not None:
+            twist, u["depth"] = np.where(passes, twist / ratio.value, twist), ratio.u / ratio.value
+    if np.count_nonzero(np.isfinite(twist)) < least or not np.any(np.isfinite(twist)):
+        twist, note = np.full(frames.size, math.nan), ""
     known = twist[np.isfinite(twist)]
     slope = float(np.median(known)) if known.size else math.nan
     spread = float(known.std(ddof=1)) / abs(slope) if known.size > 1 else 0.0
@@ -88,7 +111,7 @@ def clip_twist(
             if math.hypot(*by_turn.values()) < math.hypot(*u.values()):  # depth no longer counts
                 by_slope, u = turn.length * abs(slope), by_turn
         twist = twist / by_slope
-    return ClipTwist(twist, u, other_hand, reason)
+    return ClipTwist(twist, u, left_out, note)
 
 
 def _shared(scatter: float, spread: float) -> float:

@@ -87,6 +87,8 @@ class FrameTwist:
     """Why there is no twist; empty where there is."""
     u: float = math.nan
     """Standard uncertainty by what texture and background leave unexplained [1/px]; NaN where not told."""
+    one_pass: bool = False
+    """Whether it is the slope of one pass of a tracer fibre over the face, see `tracer.py`."""
 
 
 def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:

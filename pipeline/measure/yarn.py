@@ -144,7 +144,7 @@ class _Clip:
         self.angle, self.twist, self.u_twist, self.diameter = (np.full(n, np.nan) for _ in range(4))
         self.hairs, self.turn, self.sagitta, self.uneven = (np.full(n, np.nan) for _ in range(4))
         self.centre = np.full((n, 2), np.nan)
-        self.confidence, self.flag = np.zeros(n), np.zeros(n, np.uint16)
+        self.confidence, self.flag, self.one_pass = np.zeros(n), np.zeros(n, np.uint16), np.zeros(n, bool)
         self.reasons, self.doubts = Counter[str](), Counter[str]()
         self.images: dict[int, NDArray[np.uint8]] = {}
         self.misfits: list[float] = []
@@ -159,7 +159,7 @@ class _Clip:
         axis = found.axis
         self.centre[i], self.angle[i], self.twist[i] = axis.centre, axis.angle, found.twist.per_pixel
         self.u_twist[i], self.hairs[i], self.turn[i] = found.twist.u, found.hairs, found.turn
-        self.sagitta[i] = _sagitta(axis)
+        self.sagitta[i], self.one_pass[i] = _sagitta(axis), found.twist.one_pass
         if found.face is not None:
             self.faces.append(found.face)
         if found.strands is not None:
@@ -234,7 +234,7 @@ def measure_yarn(
         reason says so.
     u_tilt : standard uncertainty of the yarn's tilt out of the image plane [rad]; without it the u of twist and θ lack
         that term, and their reasons say so.
-    ratio : for the method 'surface': of this kind of yarn, where it was compared with direct counting.
+    ratio : of the slope on this kind of yarn, where it was compared with direct counting; not for the method 'ply'.
     method : one of `METHODS`.
     plies : strands of a plied yarn, for the method 'ply', at least 2.
     speed : of the yarn along its axis [m/s]; with it the summary holds its rotation.
@@ -254,9 +254,8 @@ def measure_yarn(
     found.drop_chance_diameters()
     found.refuse_plied()
     angle, centre, turn, flag, reasons = found.angle, found.centre, found.turn, found.flag, found.reasons
-    whole = clip_twist(found.twist, found.u_twist, np.isfinite(angle), found.faces, method, ratio)
-    if whole.other_hand:
-        reasons[whole.reason] += whole.other_hand
+    whole = clip_twist(found.twist, found.u_twist, found.one_pass, np.isfinite(angle), found.faces, method, ratio)
+    reasons.update(whole.left_out)
     flag[np.isfinite(angle) & np.isnan(whole.per_pixel)] |= np.uint16(FrameFlag.TWIST_NOT_CREDIBLE)
     twist = whole.per_pixel / scale.metres_per_pixel
     diameter, hairs = found.diameter * scale.metres_per_pixel, found.hairs / scale.metres_per_pixel
@@ -274,7 +273,9 @@ def measure_yarn(
     summary = {
         "axis_angle": _mean(_unwrapped(angle), kept, {"method": METHOD_U_ANGLE}),
         "theta_B": Estimate(math.nan, n=0, reason="no cylinder axis was given"),
-        "twist": _mean(twist, kept, {**whole.relative_u, **scaled, "tilt": foreshortened}, relative=True),
+        "twist": _mean(
+            twist, kept, {**whole.relative_u, **scaled, "tilt": foreshortened}, relative=True, note=whole.note
+        ),
         "diameter": _mean(diameter, kept, {"method": u_diameter, **scaled}, relative=True),
     }
     if cylinder_axis is not None:
@@ -320,9 +321,9 @@ def _check_call(method: str, plies: int | None, scale: Scale, ratio: SlopeRatio 
         raise InputError("method", f"'{method}' is not known", nearest(method, list(METHODS)))
     if (method == "ply") != (plies is not None) or (plies is not None and plies < 2):
         raise InputError("plies", f"{plies} with the method '{method}'", "2 or more with the method 'ply', else none")
-    if ratio is not None and (method != "surface" or not (ratio.value > 0 and ratio.u >= 0)):
+    if ratio is not None and (method == "ply" or not (ratio.value > 0 and ratio.u >= 0)):
         found = f"{ratio.value:g} with u {ratio.u:g} and the method '{method}'"
-        raise InputError("slope ratio", found, "a positive number with its u, for the method 'surface'")
+        raise InputError("slope ratio", found, "a positive number with its u, not for the method 'ply'")
     if not (math.isfinite(scale.metres_per_pixel) and scale.metres_per_pixel > 0):
         raise InputError(
             "scale", f"{scale.metres_per_pixel:g} m per pixel", "a positive number: without it nothing is in mm"
@@ -585,14 +586,17 @@ def _unwrapped(angles: Array) -> Array:
     return middle + np.mod(angles - middle + math.pi / 2, math.pi) - math.pi / 2
 
 
-def _mean(values: Array, kept: NDArray[np.bool_], terms: Mapping[str, float], *, relative: bool = False) -> Estimate:
+def _mean(
+    values: Array, kept: NDArray[np.bool_], terms: Mapping[str, float], *, relative: bool = False, note: str = ""
+) -> Estimate:
     """Estimate a clip's mean from the frames kept; `terms` of u that are NaN are not stated, and the reason says so."""
     used = np.where(kept, values, np.nan)
     if relative:
         level = abs(float(np.nanmean(used))) if np.any(np.isfinite(used)) else 0.0
         terms = {what: u * level for what, u in terms.items()}
     dropped = int(np.count_nonzero(~kept))
-    notes = [f"{dropped} outlying frames left out"] if dropped else []
+    notes = [note] if note else []
+    notes += [f"{dropped} outlying frames left out"] if dropped else []
     notes += [f"{UNSTATED[what]} is not stated and not in u" for what, u in terms.items() if math.isnan(u)]
     return mean_estimate(used, extra_u=terms, reason="; ".join(notes))
 

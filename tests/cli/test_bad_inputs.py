@@ -118,6 +118,12 @@ def test_both_summary_and_files(yarnval, study):
         ("only/case.toml", "[raw]", "[raw]\nscale_image = 'x.tif'", ["scale_from_diameter_mm"]),
         ("only/case.toml", "[raw]", "[raw]\ntilt_u_deg = -1", ["raw.tilt_u_deg"]),
         ("only/case.toml", "[raw]", "[raw]\nslope_ratio = 0.9", ["slope_ratio", "{value, u}"]),
+        (
+            "only/case.toml",
+            "[raw]",
+            "[raw]\nmethod = 'ply'\nplies = 2\nslope_ratio = { value = 0.9, u = 0.01 }",
+            ["slope_ratio", "leave it out"],
+        ),
         ("only/case.toml", "axis_deg = 90", "axis_deg = { value = 90, u = -1 }", ["raw.axis_deg.u"]),
         ("only/case.toml", "axis_deg = 90", "", ["axis_deg", "direction of the cylinder axis"]),
     ],

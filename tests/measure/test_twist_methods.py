@@ -61,14 +61,28 @@ def test_a_tracer_fibre_dark_or_bright(dye, tan_beta):
 
 
 @pytest.mark.parametrize("phase", np.linspace(0, 2 * math.pi, 8, endpoint=False))
-def test_a_tracer_fibre_counts_where_it_is_seen_again_a_turn_on(phase):
-    """1.25 turns in view: in some phases the fibre passes the front once, in others twice."""
+def test_a_tracer_fibre_counts_where_it_is_seen_again_a_turn_on_or_all_across_the_face(phase):
+    """1.2 turns in view: in some phases the fibre passes the front once, in others twice."""
     image, twist = yarn(5, tan_beta=0.385, angle=90.0, material={"tracer": (0.2, 0.2)}, phase=phase)
     found = tracer_twist(pixels(image), find_axis(pixels(image)))
     if found.reason:
-        assert "the tracer fibre is seen over 0." in found.reason
+        assert "parts of two passes" in found.reason or "of the face" in found.reason
     else:
-        assert found.per_pixel == pytest.approx(twist, rel=0.015)
+        assert found.per_pixel == pytest.approx(twist, rel=0.05 if found.one_pass else 0.015)
+
+
+@pytest.mark.parametrize(("depth", "tan_beta"), [(0.0, 0.25), (0.0, -0.4), (0.1, 0.25), (0.1, -0.4)])
+def test_the_slope_of_one_pass_of_a_tracer_fibre_tells_its_depth_below_the_outline(depth, tan_beta):
+    """On a cylinder of (1 − 0.1) R an even view of ±53° of the face sees a slope that is 13 % smaller."""
+    material = {"tracer": (0.2, 0.2), "depth": depth}
+    errors = []
+    for seed in range(3):
+        image, twist = yarn(seed, tan_beta=tan_beta, angle=90.0, material=material, phase=0.0)
+        found = tracer_twist(pixels(image), find_axis(pixels(image)))
+        assert not found.reason
+        assert found.one_pass
+        errors.append(found.per_pixel / twist - 1)
+    assert np.mean(errors) == pytest.approx(-1.26 * depth, abs=0.04)
 
 
 def test_a_tracer_fibre_seen_twice_is_enough():

@@ -272,7 +272,50 @@ def test_the_slope_is_corrected_where_it_was_compared_with_direct_counting() -> 
     assert known.u_terms["depth"] == pytest.approx(0.02 * known.mean)
     assert known.u < told.u
     with pytest.raises(InputError, match="slope ratio"):
-        measured(images, 40, ratio=SlopeRatio(0.9, 0.018), method="tracer")
+        measured(images, 40, ratio=SlopeRatio(0.9, 0.018), method="ply", plies=2)
+
+
+def dyed(seed: int, twist: float, phases: list[float]) -> list[np.ndarray]:
+    """Frames of a yarn of 40 px with a tracer fibre 10 % of the radius below the outline."""
+    rng = np.random.default_rng(seed)
+    drawn = Material.draw(rng, fibre_length=0.5 / (twist * DIAMETER))
+    material = replace(drawn, tracer=(0.2, 0.2), depth=0.1)
+    return [
+        render_frame(
+            material, rng, shape=SHAPE, axis_angle=math.pi / 2, diameter=40, twist=twist * DIAMETER / 40, phase=phase
+        )
+        for phase in phases
+    ]  # fmt: skip
+
+
+def test_one_pass_of_a_tracer_fibre_gives_the_twist_by_its_slope() -> None:
+    images = dyed(3, 500, [-0.3, 0.0, 0.3])
+    told = measured(images, 40, method="tracer").summary["twist"]
+    assert "one pass is seen: the twist is by its slope" in told.reason
+    assert told.u_terms["depth"] == pytest.approx(0.12 * told.mean)
+    assert 0.02 < 1 - told.mean / 500 < 2 * told.u / 500
+    known = measured(images, 40, ratio=SlopeRatio(0.88, 0.01), method="tracer").summary["twist"]
+    assert known.mean == pytest.approx(told.mean / 0.88)
+    assert known.u_terms["depth"] == pytest.approx(0.01 / 0.88 * known.mean)
+    assert abs(known.mean - 500) < 2 * known.u
+
+
+@pytest.mark.parametrize("twist", [400, -700])
+def test_fibres_of_a_yarn_without_a_tracer_are_none(twist: float) -> None:
+    m = measured(yarn([19, abs(twist)], diameter=40, twist=twist, angles=[50] * 8), 40, method="tracer")
+    assert math.isnan(m.summary["twist"].mean)
+    assert "tracer" in m.reason
+
+
+def test_where_frames_show_a_turn_of_a_tracer_fibre_one_pass_does_not_count() -> None:
+    """1.3 turns in view, of which at two phases one pass is whole and at the others two are seen."""
+    images = dyed(3, 1000, [0.0, 0.3, 3.0, 3.2, 3.4])
+    m = measured(images, 40, ratio=SlopeRatio(0.88, 0.01), method="tracer")
+    assert np.isnan(m.twist).tolist() == [True, True, False, False, False]
+    assert "one pass of the tracer fibre is seen, and in other frames a turn" in m.reason
+    assert "a turn or more is seen" in m.summary["twist"].reason
+    assert "depth" not in m.summary["twist"].u_terms
+    assert m.summary["twist"].mean == pytest.approx(1000, rel=0.02)
 
 
 def test_thumbnails_carry_what_was_measured_in_their_own_pixels():
