@@ -75,7 +75,7 @@ def open_video(
     Parameters
     ----------
     path : a file, or a folder with an image sequence. The name's ending and the content must agree.
-    fps : recording rate [1/s]; needed where the file has no time stamps per frame. Where it has, they win, and
+    fps : recording rate [1/s]; needed where a clip has no time stamps per frame. Where it has, they win, and
         `metadata['rate']` says so.
     bits : significant bits of a 16-bit pixel, where the file does not state them; without it, the smallest of 8, 10,
         12, 14 and 16 that holds some frames' maximum, which `metadata['bits']` calls assumed.
@@ -156,7 +156,10 @@ def _kind(head: bytes) -> str | None:
 
 
 def _times(path: Path, clip: Clip, fps: float | None, metadata: dict[str, str]) -> tuple[Array, float]:
-    """Times of the frames and the recording rate: from the stamps, else the header's rate, else the caller's."""
+    """Times of the frames and the recording rate: from the stamps, else the header's rate, else the caller's.
+
+    A still has no rate, NaN.
+    """
     steps = np.diff(clip.stamps)
     step = float(np.median(steps)) if len(steps) else 0.0
     if step <= 0 and clip.rate > 0:
@@ -165,6 +168,9 @@ def _times(path: Path, clip: Clip, fps: float | None, metadata: dict[str, str]) 
             metadata["rate"] += f"; the given rate of {fps:g} 1/s contradicts it and is not used"
         return np.arange(len(clip.frames)) / clip.rate, clip.rate
     if step <= 0:
+        if fps is None and len(clip.frames) == 1:
+            metadata["rate"] = "none: one frame"
+            return np.zeros(1), math.nan
         if fps is None:
             stated = metadata.get("playback_rate")
             found = f"no recording rate in the file{f' ({stated} 1/s is for playback)' if stated else ''}"

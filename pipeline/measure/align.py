@@ -467,7 +467,7 @@ def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float, expect
     """Return the yarn's tilt [rows per line], bend [rows per line²] and the share of the blocks that agree.
 
     First a robust line, then from its weights a parabola: that alone might follow a second object. A bend that is not
-    significant is taken for none.
+    significant is taken for none, and none is looked for where only a part of the blocks can tell.
 
     Parameters
     ----------
@@ -483,7 +483,7 @@ def _parabola(middles: Array, usable: NDArray[np.bool_], cut_bend: float, expect
     shift = middles[usable] + 0.5 * cut_bend * position * position
     weight, kept = np.ones(used), np.ones(used, np.bool_)
     tilt, bend, agreement = 0.0, 0.0, 0.0
-    for bent in range(2 if used >= FEWEST_BENT else 1):
+    for bent in range(2 if used >= FEWEST_BENT and expected == count else 1):
         last, slope, curvature, deviation = math.inf, 0.0, 0.0, 0.0
         for _ in range(10):
             total = weight.sum()

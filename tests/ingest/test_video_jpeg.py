@@ -1,5 +1,6 @@
 """JPEG: gray, or the stored luma of a colour picture; whole files only."""
 
+import math
 import os
 import struct
 import subprocess
@@ -224,3 +225,14 @@ def test_flipped_bits_end_in_a_picture_or_in_one_error_and_silence():
     read, refused = map(int, ran.stdout.split())
     assert read + refused == 750
     assert refused > 200
+
+
+def test_a_still_needs_no_recording_rate_and_two_images_do(tmp_path):
+    for i in range(2):
+        (tmp_path / f"{i}.jpg").write_bytes(jpeg(picture(i)))
+    video = open_video(tmp_path / "0.jpg")
+    assert list(video.time) == [0.0]
+    assert math.isnan(video.rate)
+    assert video.metadata["rate"] == "none: one frame"
+    with pytest.raises(InputError, match="give the recording rate: --fps"):
+        open_video(tmp_path)
