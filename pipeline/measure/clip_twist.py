@@ -25,7 +25,7 @@ U_DEPTH = 0.08
 outline is not known. On a painted cylinder it is the outline, R; fibres of radius r on the outside of a yarn run at
 R − r, for cotton of 12 to 20 µm in a yarn of 0.16 mm at 0.87 to 0.93 R, and dive from there. This is the root mean
 square of a rectangle from 0 to 14 %. Of the clips "deep" of benchmarks/measure_coverage.py, whose fibres run that deep,
-twice u holds 86 %, of those that are painted on the outline all, of all kinds together 94 %."""
+twice u holds 86 %, of those that are painted on the outline all, of all kinds together 95 %."""
 U_DEPTH_PASS = 0.12
 """The same for the slope of one pass of a tracer, which is that of a line over all of the face that is used, evenly. A
 fibre at (1 − δ)R is seen at γ = asin((1 − δ) sin γ'): over ±53° of γ its slope is 18 % too small at δ = 14 %, and

@@ -45,8 +45,11 @@ Spectra = NDArray[np.complex64]
 
 MIN_DIAMETER = 20.0
 MAX_BLUR = 0.15
-MAX_BLUR_PX = 2.6
-"""Blur from which fibres mix, and a lens out of focus shows structure that is not there [px]."""
+"""Blur over the radius above which an edge cannot be told from the body."""
+MAX_BLUR_PX, UP_TO = 2.6, 30.0
+"""Blur from which fibres mix and a lens out of focus, whose blur is no Gaussian, shows structure that is not there and,
+with light from the side, diameters that are wrong by up to 29 % [px]; of yarn of a larger radius than the second one
+[px] it is as much more: that is the same picture with finer pixels."""
 MIN_TURNS = 0.1
 MIN_COHERENCE = 0.2
 MIN_CONTRAST = 0.5
@@ -91,13 +94,18 @@ class FrameTwist:
     """Whether it is the slope of one pass of a tracer fibre over the face, see `tracer.py`."""
 
 
+def most_blur(radius: float) -> float:
+    """Return the blur up to which yarn of a radius can be measured, both in px."""
+    return min(MAX_BLUR * radius, MAX_BLUR_PX * max(1.0, radius / UP_TO))
+
+
 def surface_twist(image: Image | Pixels, axis: YarnAxis) -> FrameTwist:
     """Find the twist of the yarn on an axis of a frame, shape (rows, columns)."""
     if axis.diameter < MIN_DIAMETER:
         found = f"the yarn is {axis.diameter:.1f} px across: at least {MIN_DIAMETER:.0f} px are needed"
         return FrameTwist(math.nan, 0.0, 0.0, found)
     radius = axis.diameter / 2
-    limit = min(MAX_BLUR * radius, MAX_BLUR_PX)
+    limit = most_blur(radius)
     if axis.blur > limit:
         found = f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
         return FrameTwist(math.nan, 0.0, 0.0, found)

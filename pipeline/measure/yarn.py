@@ -50,7 +50,7 @@ from pipeline.measure.rotation import helix_turn
 from pipeline.measure.scatter import Face, face
 from pipeline.measure.strands_fit import Picture
 from pipeline.measure.tracer import tracer_twist
-from pipeline.measure.twist import MAX_BLUR_PX, FrameTwist, strand_slope, surface_twist
+from pipeline.measure.twist import FrameTwist, most_blur, strand_slope, surface_twist
 from pipeline.measure.uncertainty import mean_estimate
 from pipeline.records import (
     Array,
@@ -80,11 +80,6 @@ METHOD_U_TURN = 0.4 / 360
 
 FARTHEST_LIGHT = 1.3
 """Direction of the light from which on the far edge is not seen [rad]."""
-MAX_BLUR = 0.15
-"""Blur over the radius above which an edge cannot be told from the body."""
-FINE_BLUR = 0.05
-"""Blur over the radius that does no harm, however many pixels it is. Between the two, blur above what twist bears is
-that of a lens out of focus, which is no Gaussian: with light from the side diameters were wrong by up to 29 %."""
 MIN_STRAIGHT = 0.85
 """Least share of the blocks that agree about an axis without a credible diameter: what is neither round nor straight is
 the edge of something else or no thing at all, and its angle is not that of a yarn."""
@@ -459,7 +454,7 @@ def _yarn(image: Pixels, axis: YarnAxis, method: str, plies: int, before: Pictur
 def _doubt(axis: YarnAxis) -> str:
     """Say why the diameter is not credible; empty where it is."""
     radius = axis.diameter / 2
-    limit = min(MAX_BLUR * radius, max(MAX_BLUR_PX, FINE_BLUR * radius))
+    limit = most_blur(radius)
     if axis.blur > limit:
         return f"the edges are blurred over {axis.blur:.1f} px: at most {limit:.1f} px at this diameter"
     if abs(axis.light) > FARTHEST_LIGHT:

@@ -68,3 +68,15 @@ def test_a_yarn_before_a_dark_and_a_bright_half_is_measured_on_one_of_them(edge)
         found = find_axis(image)
         assert math.degrees(found.angle) == pytest.approx(10.0, abs=0.2)
         assert found.diameter == pytest.approx(32.0, rel=0.03)
+
+
+def test_blur_counts_by_what_it_is_of_the_yarn_where_pixels_are_fine():
+    """As in a photograph: twice as many pixels each way, twice the blur, the same numbers."""
+    for size in (1, 2):
+        image, twist = yarn(
+            0, shape=(300 * size, 400 * size), tan_beta=0.25, angle=25.0, diameter=60.0 * size,
+            optics=Optics(blur=2.1 * size),
+        )  # fmt: skip
+        m = measure_yarn(clip([image]), Scale(1.0, 0.0), cylinder_axis=None)
+        assert m.diameter[0] == pytest.approx(60.0 * size, rel=0.01)
+        assert m.twist[0] == pytest.approx(twist, rel=0.03)
