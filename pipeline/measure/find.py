@@ -141,11 +141,9 @@ def part_lines(image: Image | Pixels) -> Iterator[Line]:
     for top in range(0, image.shape[0] - sizes[0] + 1, max(sizes[0] // 2, 1)):
         for left in range(0, image.shape[1] - sizes[1] + 1, max(sizes[1] // 2, 1)):
             part = image[top : top + sizes[0], left : left + sizes[1]].copy()
-            line = find_line(part)
-            for x, y, angle, half in [line] if line is not None else []:
-                yield x + left, y + top, angle, half
-            for x, y, angle, half in level_lines(part):
-                yield x + left, y + top, angle, half
+            for line in (find_line(part), *level_lines(part)):
+                if line is not None:
+                    yield line[0] + left, line[1] + top, line[2], line[3]
 
 
 def _otsu(values: Image, low: float) -> float | None:

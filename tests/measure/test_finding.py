@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from yarn_frames import clip, yarn
 
+from pipeline.measure.align import align
 from pipeline.measure.axis import find_axis
+from pipeline.measure.profile import relief
 from pipeline.measure.yarn import measure_yarn
 from pipeline.records import Scale
 from pipeline.synthetic import Optics, bar
@@ -18,7 +20,7 @@ VIEW = (300, 400)
     ("shape", "diameter"), [((48, 400), 20.0), ((64, 400), 32.0), ((96, 400), 50.0), (VIEW, 150.0)]
 )
 def test_a_yarn_of_up_to_half_of_the_frame_is_measured(shape, diameter):
-    """Its own edges had been taken for yarn of a few pixels in half of such frames, and no other was found."""
+    """Its own edge had been taken for a thin yarn, or nothing had been found."""
     for seed in range(4):
         image, _ = yarn(seed, shape=shape, tan_beta=0.2, angle=1.0, diameter=diameter)
         found = find_axis(image)
@@ -32,6 +34,16 @@ def test_a_yarn_a_third_as_wide_as_the_frame_at_a_slant_is_measured():
     found = find_axis(image)
     assert math.degrees(found.angle) == pytest.approx(169.0, abs=0.25)
     assert found.diameter == pytest.approx(81.0, rel=0.02)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.6, 1.3])
+@pytest.mark.parametrize("background", [0.06, 0.3, 0.8])
+def test_yarn_stands_out_on_both_sides_in_any_light(light, background):
+    for seed in range(3):
+        optics = Optics(light_angle=light, background=background)
+        image, _ = yarn(seed, shape=VIEW, tan_beta=0.2, angle=70.0, diameter=32.0, optics=optics)
+        aligned = align(image, 199.5, 149.5, math.radians(70.0), 0.0, 16.0)
+        assert relief(aligned.registered.profile) > 0.5
 
 
 @pytest.mark.parametrize("angle", [20.0, 90.0, 152.0])
