@@ -47,8 +47,6 @@ BANDS = 3
 """Bands between two edges that are tried where the largest thing is no round body."""
 MIN_AGREEMENT = 0.7
 """Least share of the blocks that agree about a round body."""
-UNDISTURBED = 0.9
-"""Share that agrees from which on nothing lies before a body: the cylinder has less, where the yarn crosses it."""
 MAX_MISFIT = 0.03
 """Misfit of the profile, over its range, above which its edges are not those of a round body."""
 MIN_RELIEF = 0.45
@@ -147,7 +145,7 @@ def find_axis(image: Image | Pixels, before: YarnAxis | None = None) -> YarnAxis
         return None
     line = find_line(image)
     first = NO_YARN if line is None else _measure_from(image, line)
-    if _is_round(first) and first.agreement >= UNDISTURBED and _is_alone(image, first):
+    if _is_round(first) and _is_alone(image, first):
         return first
     lines = bands(image.astype(np.float32), BANDS), level_lines(image), part_lines(image)
     bodies = [first, *(_measure_from(image, line) for line in chain(*lines))]

@@ -82,6 +82,16 @@ def test_a_yarn_before_a_dark_and_a_bright_half_is_measured_on_one_of_them(edge)
         assert found.diameter == pytest.approx(32.0, rel=0.03)
 
 
+@pytest.mark.parametrize("background", [0.35, 0.4])
+def test_a_stripe_of_the_face_of_a_yarn_as_bright_as_the_ground_is_not_taken_for_it(background):
+    """Its bright middle is a round body with a quarter of the diameter, but has the rest of the yarn beside it."""
+    for seed in (1, 2, 4):
+        optics = Optics(background=background, light_angle=0.5)
+        image, _ = yarn(seed, shape=VIEW, tan_beta=0.3, angle=20.0, diameter=100.0, optics=optics)
+        m = measure_yarn(clip([image]), Scale(1.0, 0.0), cylinder_axis=None)
+        assert math.isnan(m.diameter[0]) or m.diameter[0] == pytest.approx(100.0, rel=0.05)
+
+
 def test_blur_counts_by_what_it_is_of_the_yarn_where_pixels_are_fine():
     """As in a photograph: twice as many pixels each way, twice the blur, the same numbers."""
     for size in (1, 2):
