@@ -46,6 +46,8 @@ def compiled(function: Function) -> Function:
         settings.CACHE_DIR = shared
 
 
+ANY_ORDER: dict[str, Any] = {"fastmath": {"reassoc"}}
+"""Setting of sums whose terms may be added up in any order: only those become vector instructions."""
 NUMBERS = {float, int, bool, type(None)}
 """What functions may return whose references are not counted."""
 
@@ -82,10 +84,25 @@ def borrowing(function: Function) -> Function:
     TypeError
         If the function does not say that it returns numbers, or nothing: an array would be freed too early.
     """
+    return _borrowing(function, {})
+
+
+def borrowing_sums(function: Function) -> Function:
+    """Compile as `borrowing`, for sums whose terms may be added up in any order, as `summing`.
+
+    Raises
+    ------
+    TypeError
+        As `borrowing`.
+    """
+    return _borrowing(function, ANY_ORDER)
+
+
+def _borrowing(function: Function, settings: dict[str, Any]) -> Function:
     returned = get_type_hints(function)["return"]
     if not {*(get_args(returned) or (returned,))} <= NUMBERS:
         raise TypeError(f"{function.__name__}: returns {returned}; only numbers may be returned uncounted")
-    return cast(Function, _Part(function, {**PART, "_nrt": False, "forceinline": True}))
+    return cast(Function, _Part(function, {**PART, **settings, "_nrt": False, "forceinline": True}))
 
 
 def merged(function: Function) -> Function:
@@ -94,8 +111,8 @@ def merged(function: Function) -> Function:
 
 
 def summing(function: Function) -> Function:
-    """Compile as `inner`, for sums whose terms may be added up in any order: only those become vector instructions."""
-    return cast(Function, _Part(function, {**PART, "fastmath": {"reassoc"}}))
+    """Compile as `inner`, for sums whose terms may be added up in any order."""
+    return cast(Function, _Part(function, {**PART, **ANY_ORDER}))
 
 
 def spliced(function: Function) -> Function:

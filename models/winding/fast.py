@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.compiled import compiled
+from models.winding.assembly import Room, new_room
 from models.winding.drive import travels, traverses
 from models.winding.package import (
     Laying,
@@ -40,25 +41,29 @@ from models.winding.package import (
 from models.winding.result import Progress, Snapshot, WindingOutcome, WindingResult, giving_said
 from models.winding.sampling import SHOWN_LAYERS, layer_means, sample_times, window_means
 from models.winding.scene import WindingScene
-from models.winding.settle import Room, new_room, settle
+from models.winding.settle import settle
 from models.winding.span import Feed, Line, line_of, new_feed, path, tension_at
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BATCH = 24
-"""Nodes laid before the package comes to rest: about a quarter turn. Four at a time change no layer of 30 m by more
-than 0.015 T₀."""
+"""Nodes laid before the package comes to rest: about a quarter turn. With 4, 12 or 48 layers of 9 m change by up to
+0.01 T₀, of 30 m by 0.02 T₀, of 90 m by 0.03 T₀."""
 AHEAD = 8
-"""Nodes beyond a batch that are laid on trial: yarn ahead lifts what lies up to √(2 R d) before it."""
-SETTLED = 1e-7
-"""Radial step [m] below which a node rests. Against 1e-9 m at every depth no layer of 9 m changes by more than 0.001
-T₀, of 30 m by more than 0.005 T₀, of 90 m by more than 0.015 T₀."""
+"""Nodes beyond a batch that are laid on trial: yarn ahead lifts what lies up to √(2 R d) before it. With 12 or 16
+layers change by up to 0.002 T₀ (9 and 30 m) and 0.004 T₀ (90 m)."""
+SETTLED = 1e-6
+"""Radial step [m] below which a node rests. Against 1e-9 m at every depth layers of 9 m change by up to 0.0003 T₀, of
+30 m by 0.009 T₀, of 90 m by 0.02 T₀: less than by another `BATCH`."""
 FADE = 0.3
 """Growth of that step per layer of depth, over itself, while yarn is laid."""
-GROWTH = 1.2
-"""Growth of the number of layers after which the whole package relaxes and comes to rest. Against 1.03 no layer of 90 m
-changes by more than 0.008 T₀."""
+LEAST = 0.05
+"""Share of T₀ at which yarn is laid at least: a slack string has no shape. Where the span goes slack, its tension is
+still that of its waves."""
+GROWTH = 1.3
+"""Growth of the number of layers after which the whole package relaxes and comes to rest. Against 1.03 layers of 30 m
+change by up to 0.005 T₀, of 90 m by 0.009 T₀."""
 TABLE = 20_001
 """Points of the table that inverts the drive's travel."""
 
@@ -118,23 +123,25 @@ def _lay(
     stop: int,
     settled: float,
     fade: float,
-) -> int:
-    """Lay nodes start … stop − 1, a batch at a time, each at rest while it is laid; visits to nodes.
+) -> tuple[bool, int]:
+    """Lay nodes start … stop − 1, a batch at a time, each at rest while it is laid; whether all were, visits to nodes.
 
     `tension` at `start` − 1 is known, and written for the nodes laid.
     """
-    visits = 0
+    at_rest, visits = True, 0
     for begin in range(start, stop, BATCH):
         end = min(begin + BATCH, stop)
         first = max(begin - 1, 0)
         put_on_top(p, yarn.diameter, begin, end + AHEAD)
-        visits += settle(p, yarn, room, max(begin - 2, 0), Laying(end + AHEAD, tension[first]), settled, fade)
+        now = Laying(end + AHEAD, max(tension[first], LEAST * tension[0]))
+        rests, more = settle(p, yarn, room, max(begin - 2, 0), now, settled, fade)
+        at_rest, visits = at_rest and rests, visits + more
         for k in range(first, end - 1):
             length = length_of(p, k, yarn.sunk)
             taken = length + free[k + 1] - free[k]
             tension[k + 1] = tension_at(line, feed, time, k + 1, taken, wrap[k + 1])
             p.node[k].hold = (yarn.axial + tension[k + 1]) / length
-    return visits
+    return at_rest, visits
 
 
 def _snapshot(scene: WindingScene, package: Package, schedule: _Schedule, z: Array, laid: int, time: float) -> Snapshot:
@@ -174,13 +181,13 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     tension = np.full(total, scene.tension)
     snapshots: list[Snapshot] = []
     fade = FADE * float(schedule.phase[1])
-    visits, laid, last_whole = 0, 0, 0
+    at_rest, visits, laid, last_whole = True, 0, 0, 0
     while laid < total:
         start, cycle = laid, schedule.layers_by(max(laid, 1)) + 1
         # To the end of the batch that completes the layer.
         complete = int(np.searchsorted(schedule.phase, cycle)) + 1
         laid = min(start + -(-(complete - start) // BATCH) * BATCH, total)
-        visits += _lay(
+        were_at_rest, spent = _lay(
             package, yarn, room, line, feed, time, free, wrap, tension, start, laid, SETTLED, fade
         )  # fmt: skip
         done = schedule.layers_by(laid)
@@ -191,7 +198,8 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
             relaxation.advance(package, _strain(package, scene, laid), float(time[laid - 1]))
             look_around(package, yarn.diameter, laid)
         start = 0 if whole else max(laid - 2, 0)
-        visits += settle(package, yarn, room, start, Laying(laid, 0.0), SETTLED, 0.0 if whole else fade)
+        rests, more = settle(package, yarn, room, start, Laying(laid, 0.0), SETTLED, 0.0 if whole else fade)
+        at_rest, visits = at_rest and were_at_rest and rests, visits + spent + more
         if shown:
             snapshots.append(_snapshot(scene, package, schedule, z, laid, float(time[laid - 1])))
         if progress is not None:
@@ -206,7 +214,9 @@ def wind_fast(scene: WindingScene, reason: str, progress: Progress | None = None
     pull = scene.tension + scene.tension_slope * time[:total]
     deepest = _deepest(package, yarn, total)
     finite = bool(np.all(np.isfinite(tension)) and np.all(np.isfinite(end.tension)))
-    outcome = WindingOutcome.COMPLETED if finite else WindingOutcome.DIVERGED
+    outcome = WindingOutcome.COMPLETED if at_rest else WindingOutcome.RESTLESS
+    if not finite:
+        outcome = WindingOutcome.DIVERGED
     return WindingResult(
         scene=scene,
         mode="fast",

@@ -66,6 +66,11 @@ MARGIN = 1.0
 """Distance of two yarns beyond touching, over the diameter, at which they may touch before the next `look_around`."""
 
 
+PRESSED = 0.02
+"""Share of the diameter by which yarn is put into what is below it: as much as touching, but it is known what bears it
+before the first step to rest."""
+
+
 class Package(NamedTuple):
     """Laid nodes and their crossings. Element k joins nodes k and k + 1."""
 
@@ -172,84 +177,31 @@ def press(x: float) -> tuple[float, float]:
 
 
 @borrowing
-def _pulled(p: Package, yarn: Yarn, now: Laying, e: int, here: float, there: float) -> tuple[float, float, float]:
-    """Element e at its end at the radius `here`, the other at `there` [m]: tension times ∂l/∂here, second derivatives
-    of its energy in `here`, and in `here` and `there`.
+def pulled(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float, float, float, float]:
+    """Tension of element k at its two nodes.
 
-    Slack softens: |T| is taken instead of T, so that all together stays a minimum's.
+    Slack softens: |T| is taken instead of T in the stiffness, so that all together stays a minimum's.
+
+    Returns
+    -------
+    Tension times ∂l/∂h of the first and of the second node [N], the energy's second derivatives in the first, in the
+    second, and in both [N/m].
     """
-    element, half = p.node[e], p.chord / 2
+    element, half = p.node[k], p.chord / 2
+    here, there = element.radius + p.height[k], p.node[k + 1].radius + p.height[k + 1]
     length = math.sqrt((here - there) * (here - there) + p.chord * here * there + element.rise)
     inverse = 1 / length
-    lean, far = (here - there + half * there) * inverse, (there - here + half * here) * inverse
+    near, far = (here - there + half * there) * inverse, (there - here + half * here) * inverse
     axial = element.hold
     tension = axial * length - yarn.axial * (1 + element.relaxed) if axial > 0 else now.pull
     string = abs(tension) * inverse
     return (
-        tension * lean,
-        axial * lean * lean + string * (1 - lean * lean),
-        axial * lean * far - string * (1 - half + lean * far),
+        tension * near,
+        tension * far,
+        axial * near * near + string * (1 - near * near),
+        axial * far * far + string * (1 - far * far),
+        axial * near * far - string * (1 - half + near * far),
     )
-
-
-@borrowing
-def along(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float, float, float]:
-    """What the yarn itself and the bobbin do to node k.
-
-    Returns
-    -------
-    Force outwards [N], stiffness of the node, its coupling to node k + 1, to node k + 2 [N/m].
-    """
-    force, stiffness, next_one, next_two = 0.0, 0.0, 0.0, 0.0
-    h, node = p.height, p.node
-    last = now.laid - 1
-    here = node[k].radius + h[k]
-    if k > 0:
-        pulled, own, _ = _pulled(p, yarn, now, k - 1, here, node[k - 1].radius + h[k - 1])
-        force, stiffness = -pulled, own
-    if k < last:
-        pulled, own, next_one = _pulled(p, yarn, now, k, here, node[k + 1].radius + h[k + 1])
-        force -= pulled
-        stiffness += own
-    # Bent at the node before, at this one and at the next.
-    if k > 1:
-        bending = node[k - 1].bending
-        force -= bending * (h[k - 2] - 2 * h[k - 1] + h[k])
-        stiffness += bending
-    if 0 < k < last:
-        bending = node[k].bending
-        force += 2 * bending * (h[k - 1] - 2 * h[k] + h[k + 1])
-        stiffness += 4 * bending
-        next_one -= 2 * bending
-    if k + 1 < last:
-        bending = node[k + 1].bending
-        force -= bending * (h[k] - 2 * h[k + 1] + h[k + 2])
-        stiffness += bending
-        next_one -= 2 * bending
-        next_two = bending
-    if h[k] < 0:
-        force -= node[k].surface * h[k]
-        stiffness += node[k].surface
-    return force, stiffness, next_one, next_two
-
-
-@borrowing
-def across(p: Package, yarn: Yarn, now: Laying, k: int) -> tuple[float, float]:
-    """What the yarns that cross the elements at node k do to it: force outwards [N], stiffness [N/m]."""
-    force, stiffness = 0.0, 0.0
-    for e in range(max(k - 1, 0), min(k + 1, now.laid - 1)):
-        for q in range(p.near[e].low, p.near[e].high):
-            c = p.crossing[q]
-            if c.other + 1 >= now.laid:
-                break
-            depth = approach(p, e, q, yarn.diameter)
-            if depth > 0:
-                share = c.own_at if e < k else 1 - c.own_at
-                push, slope = press(depth / yarn.diameter)
-                push *= c.stiffness * yarn.diameter * share
-                force += push if c.other < e else -push
-                stiffness += c.stiffness * slope * share * share
-    return force, stiffness
 
 
 @compiled
@@ -257,7 +209,7 @@ def put_on_top(p: Package, diameter: float, start: int, stop: int) -> None:
     """Heights of nodes start … stop − 1 as of a thread drawn taut over the bobbin and all that they cross.
 
     A straight line rises over a circle of radius R by s²/2R, so that h − s²/2R is the least concave function that is
-    nowhere below what is crossed.
+    nowhere below what is crossed. The last node is free: the thread ends at right angles to the radius, or lies there.
     """
     first = max(start - 1, 0)
     p.height[start:stop] = 0.0
@@ -266,7 +218,7 @@ def put_on_top(p: Package, diameter: float, start: int, stop: int) -> None:
             o, s = p.crossing[q].other, p.crossing[q].other_at
             if o > e:
                 break
-            top = (1 - s) * p.height[o] + s * p.height[o + 1] + diameter
+            top = (1 - s) * p.height[o] + s * p.height[o + 1] + (1 - PRESSED) * diameter
             for k in range(max(e, start), e + 2):
                 p.height[k] = max(p.height[k], top)
     bulge = p.chord * p.node[first].radius / 2
@@ -281,6 +233,14 @@ def put_on_top(p: Package, diameter: float, start: int, stop: int) -> None:
             corners -= 1
         line[corners], at[corners] = level, x
         corners += 1
+    end, falling, leaves = stop - 1 - first, -2 * bulge * (stop - 1 - first), 0
+    for i in range(1, corners):
+        if line[i] - line[leaves] > falling * (at[i] - at[leaves]):
+            leaves = i
+    if at[leaves] < end:
+        corners = leaves + 2
+        line[leaves + 1], at[leaves + 1] = line[leaves] + falling * (end - at[leaves]), end
+        p.height[stop - 1] = line[leaves + 1] + bulge * end * end
     for i in range(corners - 1):
         for x in range(at[i] + 1, at[i + 1]):
             level = line[i] + (line[i + 1] - line[i]) * (x - at[i]) / (at[i + 1] - at[i])

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from winding_scenes import winding_scene
 
+from models.winding import fast
 from models.winding.drive import travel, traverse
 from models.winding.landing import sunk_share
 from models.winding.result import WindingOutcome, WindingResult
@@ -61,10 +62,37 @@ def test_what_cannot_be_computed_is_refused_with_its_limits(name: str):
             winding_scene(**{name: beyond})
 
 
-def test_a_run_that_is_no_longer_finite_is_not_called_complete():
-    result = wind(winding_scene(tension=0.06, diameter=1.7e-5, winding_angle=0.7, duration=0.3, bending_stiffness=0.0))
-    assert result.outcome is WindingOutcome.DIVERGED
-    assert "no longer finite" in result.message
+def test_a_run_that_is_no_longer_finite_is_not_called_complete(monkeypatch: pytest.MonkeyPatch):
+    def lay(*arguments: Any) -> tuple[bool, int]:
+        tension = arguments[8]
+        tension[-1] = math.nan
+        return True, 0
+
+    monkeypatch.setattr(fast, "_lay", lay)
+    assert wind(winding_scene(duration=0.1, mode="fast")).outcome is WindingOutcome.DIVERGED
+
+
+def test_a_package_that_does_not_come_to_rest_is_not_called_complete():
+    """Yarn as hard as steel: contacts open and close in turn."""
+    result = wind(winding_scene(duration=0.3, mode="fast", transverse_stiffness=5.8e11, turns_per_cycle=4.33))
+    assert result.outcome is WindingOutcome.RESTLESS
+    assert "soften the contact" in result.message
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"speed": 42.0, "guide_distance": 0.13},  # the span's waves make it slack
+        {"speed": 45.0, "guide_distance": 0.56, "bobbin_radius": 0.15, "grip_length": 5.3e-3},
+        {"diameter": 3.7e-4, "grip_length": 0.011, "speed": 14.0, "tension": 0.17, "guide_distance": 0.18},
+        {"tension": 0.06, "diameter": 1.7e-5, "winding_angle": 0.7, "bending_stiffness": 0.0},
+    ],
+)
+def test_a_package_comes_to_rest_on_hard_scenes(changes: dict[str, float]):
+    """They were no longer finite when slack yarn could push while it was laid."""
+    result = wind(winding_scene(**{"duration": 0.3, "mode": "fast", **changes}))
+    assert result.outcome is WindingOutcome.COMPLETED
+    assert np.all(np.isfinite(result.layers_T_over_T0))
 
 
 @given(st.floats(0, 5), st.floats(0.01, 0.25))
