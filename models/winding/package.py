@@ -67,8 +67,8 @@ MARGIN = 1.0
 
 
 PRESSED = 0.02
-"""Share of the diameter by which yarn is put into what is below it: as much as touching, but it is known what bears it
-before the first step to rest."""
+"""Share of the diameter by which new yarn is put into what is below it: little, but the first step to rest then knows
+what bears it."""
 
 
 class Package(NamedTuple):

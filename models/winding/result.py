@@ -41,7 +41,7 @@ class WindingOutcome(Enum):
     COMPLETED = "completed"
     TIME_STEP = "the time step is above the limit of stability: choose a smaller one, or leave it out"
     DIVERGED = "the motion is no longer finite: raise the tension, soften the contact, or shorten the step"
-    RESTLESS = "the package did not come to rest: soften the contact, or shorten the elements"
+    RESTLESS = "the package did not come to rest: check diameter, tension and transverse stiffness"
     TAIL_SPENT = "the tail of yarn is used up before the end: lengthen it, or shorten the run"
 
     @property

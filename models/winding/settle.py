@@ -12,14 +12,17 @@ from models.compiled import borrowing, borrowing_sums, compiled
 from models.winding.assembly import EMPTY, HELD, Room, arrange, assemble, hold_all, loosen, multiply
 from models.winding.package import Laying, Package, Yarn, approach
 
-GRADIENTS = 40
+USUAL = 20
+"""Newton steps after which nearly all searches have ended. Further ones are careful, see below."""
+INEXACT, CAREFUL_INEXACT = 0.1, 1e-3
+"""Share of the force that conjugate gradients leave. More exact steps are wasted while contacts still open and close,
+but needed where soft yarn is held by its bending alone."""
+GRADIENTS, CAREFUL_GRADIENTS = 40, 1000
 """Conjugate gradients per Newton step."""
-INEXACT = 0.1
-"""Share of the force left by them: more exact steps are wasted while contacts still open and close."""
-OVERSHOOT = 60.0
-"""Newton steps are halved where the force against them exceeds so many times the force along them at their start, over
-the number of steps so far. A contact that a step closes is stiffer than what was there before, and is best left to the
-next step, but not when steps go round in a circle."""
+OVERSHOOT, CAREFUL_OVERSHOOT = 30.0, 0.3
+"""Newton steps are halved where the force against them exceeds so many times the force along them at their start. A
+contact that a step closes is stiffer than what was there before, and is best left to the next step, unless steps go
+round in a circle."""
 LONGEST = 1.0
 """Longest Newton step of a node over the diameter: the approach at which contact hardens is half of it."""
 HALVED = 6
@@ -78,8 +81,10 @@ def _spread(p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fad
 
 
 @borrowing_sums
-def _find_step(room: Room) -> int:
-    """Step ← stiffness⁻¹ · force to `INEXACT`, by conjugate gradients scaled by the nodes' stiffness; their number."""
+def _find_step(room: Room, inexact: float, most: int) -> int:
+    """Step ← stiffness⁻¹ · force but for the share `inexact`, by at most so many conjugate gradients, scaled by the
+    nodes' stiffness; their number.
+    """
     size = room.counts[1]
     step, rest, direction, image, yielding = room.step, room.rest, room.direction, room.image, room.yielding
     image[0] = image[1] = image[size - 1] = image[size - 2] = 0.0
@@ -88,8 +93,8 @@ def _find_step(room: Room) -> int:
         step[a], rest[a] = 0.0, room.force[a]
         direction[a] = room.force[a] * yielding[a]
         left += rest[a] * direction[a]
-    goal = INEXACT * INEXACT * left
-    for done in range(GRADIENTS):
+    goal = inexact * inexact * left
+    for done in range(most):
         if left <= goal:
             return done
         multiply(room)
@@ -104,7 +109,7 @@ def _find_step(room: Room) -> int:
             left += rest[a] * rest[a] * yielding[a]
         for a in range(size):
             direction[a] = rest[a] * yielding[a] + left / before * direction[a]
-    return GRADIENTS
+    return most
 
 
 @borrowing_sums
@@ -153,7 +158,10 @@ def _correct(
     """A Newton step of all loose nodes, from assembled forces to assembled forces, after `done` others; whether it went
     beyond them, and the number of visits to nodes.
     """
-    visits = room.counts[0] * _find_step(room)
+    careful = done > USUAL
+    inexact, most = (CAREFUL_INEXACT, CAREFUL_GRADIENTS) if careful else (INEXACT, GRADIENTS)
+    overshoot = CAREFUL_OVERSHOOT if careful else OVERSHOOT
+    visits = room.counts[0] * _find_step(room, inexact, most)
     start, longest = _work(room)
     share = 1.0 if longest <= LONGEST * yarn.diameter else LONGEST * yarn.diameter / longest
     _shift(p, room, share)
@@ -163,7 +171,7 @@ def _correct(
     assemble(p, yarn, room, now)
     visits += room.counts[0]
     for _ in range(HALVED):
-        if _against(room) <= OVERSHOOT / (1 + done) * share * start:
+        if _against(room) <= overshoot * share * start:
             break
         _halve(p, room)
         assemble(p, yarn, room, now)

@@ -326,9 +326,10 @@ def test_layers_keep_the_tension_of_wound_rings():
 
 
 def test_deep_layers_do_not_make_new_ones_costlier():
-    """Visits to nodes per metre: 120 layers of a short package against 60. Node by node it was about four times."""
+    """Visits to nodes per metre, 240 layers of a short package against 120; node by node twice the layers took four times."""
     cost = []
-    for layers in (60, 120):
+    for layers in (120, 240):
         result = wind(winding_scene(turns_per_cycle=1.55, element_length=4e-3, duration=layers * 0.0498, mode="fast"))
+        assert result.outcome.ok
         cost.append(result.element_steps / result.scene.wound_length)
-    assert cost[1] < 1.4 * cost[0]
+    assert cost[1] < 1.2 * cost[0]

@@ -73,10 +73,10 @@ def test_a_run_that_is_no_longer_finite_is_not_called_complete(monkeypatch: pyte
 
 
 def test_a_package_that_does_not_come_to_rest_is_not_called_complete():
-    """Yarn as hard as steel: contacts open and close in turn."""
-    result = wind(winding_scene(duration=0.3, mode="fast", transverse_stiffness=5.8e11, turns_per_cycle=4.33))
+    """A thread as soft as gel, pressed to nine times its thickness."""
+    result = wind(winding_scene(duration=0.3, mode="fast", diameter=1.6e-5, transverse_stiffness=3.4e3))
     assert result.outcome is WindingOutcome.RESTLESS
-    assert "soften the contact" in result.message
+    assert "did not come to rest" in result.message
 
 
 @pytest.mark.parametrize(
@@ -86,13 +86,33 @@ def test_a_package_that_does_not_come_to_rest_is_not_called_complete():
         {"speed": 45.0, "guide_distance": 0.56, "bobbin_radius": 0.15, "grip_length": 5.3e-3},
         {"diameter": 3.7e-4, "grip_length": 0.011, "speed": 14.0, "tension": 0.17, "guide_distance": 0.18},
         {"tension": 0.06, "diameter": 1.7e-5, "winding_angle": 0.7, "bending_stiffness": 0.0},
+        {"transverse_stiffness": 5.8e11, "turns_per_cycle": 4.33},  # contacts that open and close in turn
+        {"linear_density": 4.02e-4, "speed": 14.1, "tension": 0.13, "guide_distance": 0.068, "element_length": 5.7e-4},
     ],
 )
 def test_a_package_comes_to_rest_on_hard_scenes(changes: dict[str, float]):
-    """They were no longer finite when slack yarn could push while it was laid."""
+    """The first four were no longer finite when slack yarn could push while it was laid; the last is held by its
+    bending alone while the span is slack.
+    """
     result = wind(winding_scene(**{"duration": 0.3, "mode": "fast", **changes}))
     assert result.outcome is WindingOutcome.COMPLETED
     assert np.all(np.isfinite(result.layers_T_over_T0))
+
+
+def test_random_scenes_are_computed_to_rest():
+    """Half of the inputs within a factor of five of their defaults, speeds that make the span slack included."""
+    random, default = np.random.default_rng(7), winding_scene(mode="fast", duration=0.2)
+    names = [name for name in LIMITS if name not in ("duration", "feed_length", "feed_memory")]
+    outcomes: list[WindingOutcome] = []
+    while len(outcomes) < 150:
+        chosen = [name for name in names if random.uniform() < 0.5]
+        inputs = {name: getattr(default, name) * 5 ** random.uniform(-1, 1) for name in chosen}
+        try:
+            scene = replace(default, **inputs)
+        except ValueError:  # beyond a limit, which its message says
+            continue
+        outcomes.append(wind(scene).outcome)
+    assert outcomes == [WindingOutcome.COMPLETED] * len(outcomes)
 
 
 @given(st.floats(0, 5), st.floats(0.01, 0.25))
