@@ -326,7 +326,7 @@ def test_layers_keep_the_tension_of_wound_rings():
 
 
 def test_deep_layers_do_not_make_new_ones_costlier():
-    """Visits to nodes per metre, 240 layers of a short package against 120; node by node they were four times as many."""
+    """Visits to nodes per metre, 240 layers of a short package against 120; node by node they were four times that."""
     cost = []
     for layers in (120, 240):
         result = wind(winding_scene(turns_per_cycle=1.55, element_length=4e-3, duration=layers * 0.0498, mode="fast"))
