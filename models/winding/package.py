@@ -2,8 +2,8 @@
 
 Energy: stretch of the elements, ½ EA l_n (l/l_n − 1 − ε_r)², or pull · l where yarn is still a string of constant
 tension; bending, ½ B/s³ (h_{j−1} − 2 h_j + h_{j+1})² over inner nodes j; the yielding bobbin, ½ K_t s h² below h = 0;
-crossings, whose approach is hardened as in `contact.hardening`. Forces and stiffnesses here are its derivatives, so
-that rest is its minimum.
+crossings, whose approach is hardened as in `contact.hardening`. Forces and stiffness, here and in `assembly.py`, are
+its derivatives, so that rest is its minimum.
 """
 
 import math
