@@ -98,11 +98,22 @@ def borrowing_sums(function: Function) -> Function:
     return _borrowing(function, ANY_ORDER)
 
 
+def borrowing_apart(function: Function) -> Function:
+    """Compile as `borrowing`, but not in the place of each call: large functions would be compiled again at each.
+
+    Raises
+    ------
+    TypeError
+        As `borrowing`.
+    """
+    return _borrowing(function, {"forceinline": False})
+
+
 def _borrowing(function: Function, settings: dict[str, Any]) -> Function:
     returned = get_type_hints(function)["return"]
     if not {*(get_args(returned) or (returned,))} <= NUMBERS:
         raise TypeError(f"{function.__name__}: returns {returned}; only numbers may be returned uncounted")
-    return cast(Function, _Part(function, {**PART, **settings, "_nrt": False, "forceinline": True}))
+    return cast(Function, _Part(function, {**PART, "_nrt": False, "forceinline": True, **settings}))
 
 
 def merged(function: Function) -> Function:

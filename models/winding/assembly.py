@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from models.compiled import borrowing
+from models.compiled import borrowing, borrowing_apart
 from models.winding.package import Laying, Package, Records, Yarn, approach, press, pulled
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def hold_all(room: Room) -> None:
     room.counts[0] = 0
 
 
-@borrowing
+@borrowing_apart
 def arrange(room: Room) -> None:
     """Give loose nodes their places. A single held node between two of them becomes loose: it would be in both runs."""
     place, node = room.place, room.node
@@ -136,7 +136,7 @@ def arrange(room: Room) -> None:
     room.counts[1] = size
 
 
-@borrowing
+@borrowing_apart
 def assemble(p: Package, yarn: Yarn, room: Room, now: Laying) -> None:
     """Forces on loose nodes and their stiffness, run by run."""
     size, node = room.counts[1], room.node

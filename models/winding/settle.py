@@ -8,7 +8,7 @@ over every node's stiffness: the force alone does not show that many nodes would
 
 import math
 
-from models.compiled import borrowing, borrowing_sums, compiled
+from models.compiled import borrowing, borrowing_apart, borrowing_sums, compiled
 from models.winding.assembly import EMPTY, HELD, Room, arrange, assemble, hold_all, loosen, multiply
 from models.winding.package import Laying, Package, Yarn, approach
 
@@ -151,7 +151,7 @@ def _against(room: Room) -> float:
     return against
 
 
-@borrowing
+@borrowing_apart
 def _correct(
     p: Package, yarn: Yarn, room: Room, now: Laying, settled: float, fade: float, done: int
 ) -> tuple[bool, int]:
