@@ -99,6 +99,26 @@ def test_a_package_comes_to_rest_on_hard_scenes(changes: dict[str, float]):
     assert np.all(np.isfinite(result.layers_T_over_T0))
 
 
+@pytest.mark.parametrize(("metres", "tolerance", "growth"), [(9, 5e-4, 5e-4), (30, 0.01, 0.01), (90, 0.025, 0.01)])
+def test_layers_are_those_of_exact_rest(
+    metres: float, tolerance: float, growth: float, monkeypatch: pytest.MonkeyPatch
+):
+    """What `SETTLED`, with `FADE`, and `GROWTH` cost, as said there, T/T₀."""
+
+    def layers() -> np.ndarray:
+        result = wind(winding_scene(mode="fast", duration=metres / 6.0))
+        assert result.outcome.ok
+        return result.layers_T_over_T0
+
+    usual = layers()
+    with monkeypatch.context() as oftener:
+        oftener.setattr(fast, "GROWTH", 1.03)
+        assert np.abs(usual - layers()).max() < growth
+    monkeypatch.setattr(fast, "SETTLED", 1e-9)
+    monkeypatch.setattr(fast, "FADE", 0.0)
+    assert 0 < np.abs(usual - layers()).max() < tolerance
+
+
 def test_random_scenes_are_computed_to_rest():
     """Half of the inputs within a factor of five of their defaults, speeds that make the span slack included."""
     random, default = np.random.default_rng(7), winding_scene(mode="fast", duration=0.2)
